@@ -337,6 +337,15 @@ def is_unwrapped_layer(layer: Any) -> bool:
     return layer.metadata.get(METADATA_KEY, {}).get("kind") in ("unwrapped", "exact")
 
 
+def is_open(viewer: Viewer) -> bool:
+    """Say whether a viewer still has its window."""
+    try:
+        viewer.window.geometry()
+    except (AttributeError, RuntimeError):  # napari has let go of it, or Qt has deleted it
+        return False
+    return True
+
+
 def on_selected(
     viewer: Viewer,
     fits: Callable[[Any], bool],
@@ -358,6 +367,8 @@ def on_selected(
             return error
 
     def receive(found: LayerTuple | Exception) -> None:
+        if not is_open(viewer):  # it was closed meanwhile: nobody waits any more
+            return
         if isinstance(found, Exception):
             show_error(sentence_of(found))
             return

@@ -13,6 +13,7 @@ from napari_phase4d._napari.session.phase_plans import (
     plan_lobes,
     plan_opening,
     plan_reconstruction,
+    with_known_views,
 )
 from napari_phase4d._napari.session.result_plans import (
     Masks,
@@ -54,5 +55,6 @@ __all__ = [
     "plan_unwrapping",
     "plan_watching",
     "step_states",
+    "with_known_views",
     "with_their_cells",
 ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import operator
 import threading
 import time
 from collections.abc import Iterator, Mapping
@@ -188,10 +189,11 @@ def plan_watching(
         msg = "no method is ticked; tick at least one in step 4"
         raise ValueError(msg)
     # What a file holds, and cells, are asked for when there is one.
-    recipe = state.recipe.changed(
-        content="holograms", raw=None, cells=None, optics=state.recipe.optics or optics
+    chosen = state.brought.without(state.recipe)
+    recipe = chosen.changed(
+        content="holograms", raw=None, cells=None, optics=chosen.optics or optics
     )
-    before = (state.recording, state.reconstruction)
+    before = frames_in(state)
     newest = Newest()
 
     def work(task: Task) -> Outcome:
@@ -215,7 +217,7 @@ def plan_watching(
         return replace(read_outcome(out), recording=found.recording, recipe=found.recipe)
 
     def receive(outcome: Outcome) -> Iterator[None]:
-        if state.recording is not before[0] or state.reconstruction is not before[1]:
+        if not all(map(operator.is_, before, frames_in(state))):
             msg = f"another recording was opened meanwhile; the results are in {out}: open that"
             raise ValueError(msg)
         yield from taking_watched(state, outcome)
@@ -230,10 +232,21 @@ def plan_watching(
     )
 
 
+def frames_in(state: State) -> tuple[Any, Any]:
+    """Return the holograms and the phase that there are; another microscope leaves them."""
+    recording, data = state.recording, state.reconstruction
+    return (
+        None if recording is None else recording.holograms.data,
+        None if data is None else data["phase"].data,
+    )
+
+
 def taking_watched(state: State, outcome: Outcome) -> Iterator[None]:
     """Take a recording that is complete, then its phase, then its results."""
     assert outcome.recording is not None  # it was watched
+    chosen = state.brought.without(state.recipe)
     state.set_recording(outcome.recording, recipe=outcome.recipe, kind="holograms")
+    state.brought.take_options(chosen, outcome.recipe)  # as methods along time do not start anew
     yield
     data = outcome.reconstruction
     modest = [m for m in outcome.recipe.methods if METHODS[m].streams]

@@ -36,6 +36,7 @@ __all__ = [
     "plan_opening",
     "plan_reconstruction",
     "plan_spectrum",
+    "with_known_views",
 ]
 
 

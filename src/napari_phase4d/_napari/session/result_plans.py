@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d._napari.session.phase_plans import Plan
-from napari_phase4d._napari.session.state import Changed, State, phase_is_stale
+from napari_phase4d._napari.session.state import TIME_FIELDS, Changed, State, phase_is_stale
 from napari_phase4d.analysis import (
     REFERENCE,
     Comparison,
@@ -25,6 +25,8 @@ from napari_phase4d.analysis import (
     itoh_margin,
     measure,
     most_trusted,
+    order_verdict,
+    steps_sentence,
 )
 from napari_phase4d.io import OME_TIFF, write_table
 from napari_phase4d.later import pd, xr
@@ -216,6 +218,9 @@ def plan_estimate(state: State) -> Plan:
 
     def receive(seconds: float) -> None:
         state.check_phase(data)
+        now = state.recipe.changed(methods=state.to_run)
+        if any(getattr(now, field) != getattr(recipe, field) for field in TIME_FIELDS):
+            raise Changed
         state.estimate = (recipe.methods, seconds)
         state.estimate_changed.emit()
 
@@ -245,8 +250,16 @@ def plan_truth(state: State, truth: xr.DataArray | None) -> Plan:
     return Plan("Counting errors", work, receive, cancellable=False)
 
 
-def plan_margin(state: State) -> Plan:
+def plan_margin(state: State, *, in_words: bool = False) -> Plan:
     """Plan to see where steps are too large, by the truth or else by the best result.
+
+    Parameters
+    ----------
+    state : State
+        The session.
+    in_words : bool, optional
+        Whether it is also said what that means, and which order suits the object; that looks
+        through all results.
 
     Raises
     ------
@@ -256,16 +269,22 @@ def plan_margin(state: State) -> Plan:
     outcome, data = state.outcome, state.reconstruction
     if not state.results and state.truth is None:
         state.needed_outcome()
-    known, _ = best_known(state.results, state.truth)
+    results, truth = state.results, state.truth
+    known, basis = best_known(results, truth)
+    frames = state.start_frames if outcome is None else outcome.recipe.start_frames
+    start = next(iter(frames), (0, 0))
 
-    def work(task: Task) -> xr.Dataset:
-        return itoh_margin(known, **task.calls)
+    def work(task: Task) -> tuple[xr.Dataset, str]:
+        margin = itoh_margin(known, **task.calls)
+        if not in_words:
+            return margin, ""
+        return margin, f"{steps_sentence(margin, basis)} {order_verdict(results, start, truth)}"
 
-    def receive(margin: xr.Dataset) -> None:
+    def receive(found: tuple[xr.Dataset, str]) -> None:
         if state.outcome is not outcome:
             raise Changed
         state.check_phase(data)
-        state.margin = margin
+        state.margin, state.steps_words = found
         state.margin_changed.emit()
 
     return Plan("Measuring the steps", work, receive)

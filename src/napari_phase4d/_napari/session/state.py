@@ -9,6 +9,7 @@ from typing import Any
 
 from psygnal import Signal
 
+from napari_phase4d._napari.session.brought import Brought
 from napari_phase4d._napari.session.history import LobeHistory
 from napari_phase4d._napari.session.opening import Opened, TruthCall, open_anything
 from napari_phase4d._napari.session.recalibrating import (
@@ -34,10 +35,12 @@ from napari_phase4d.recording import Recording
 from napari_phase4d.stacks import wavelengths_of
 from napari_phase4d.unwrapping import METHODS, best_frame, why_unsuited
 
-__all__ = ["Changed", "State", "StepState", "phase_is_stale", "step_states"]
+__all__ = ["TIME_FIELDS", "Changed", "State", "StepState", "phase_is_stale", "step_states"]
 
 #: Settings that wrapped phase depends on.
 PHASE_FIELDS = ("lobes", "reference", *PHASE_SETTINGS)
+#: Settings that the time of a run depends on.
+TIME_FIELDS = ("methods", "options", "mask")
 
 
 class Changed(ValueError):  # noqa: N818 - it reports what happened, not a fault
@@ -90,6 +93,8 @@ class State:
         self.outcome: Outcome | None = None
         #: How near steps come to the largest that can be unwrapped, see `itoh_margin`.
         self.margin: xr.Dataset | None = None
+        #: What that says, and which order suits the object; "" until it was asked for.
+        self.steps_words = ""
         #: How far to trust each result, and what to say of whole objects: method id -> it.
         self.confidence: dict[str, xr.DataArray] = {}
         self.warnings: dict[str, str] = {}
@@ -114,6 +119,8 @@ class State:
         self.place: Place | None = None
         #: The recipe that the present reconstruction was made with.
         self.phase_recipe = self.recipe
+        #: What a recipe or a watch has set unseen, which does not hold for the next recording.
+        self.brought = Brought()
         self._history = LobeHistory()
 
     @property
@@ -177,7 +184,7 @@ class State:
             shape = self.reconstruction["phase"].shape[:2]
             recipe = recipe.changed(boundary=checked_frames(recipe.boundary, shape))
         if recipe != self.recipe:
-            if recipe.methods != self.recipe.methods:
+            if any(getattr(recipe, f) != getattr(self.recipe, f) for f in TIME_FIELDS):
                 self.estimate = None
             self.recipe = recipe
             self.recipe_changed.emit()
@@ -269,7 +276,7 @@ class State:
             }
         else:
             settings["lobes"] = tuple(lobes_of(recipe))
-        self._begin(recording, truth, (recipe or self.recipe).changed(**settings))
+        self._begin(recording, truth, self._begun_with(recipe).changed(**settings))
 
     def set_phase(
         self,
@@ -305,13 +312,14 @@ class State:
         if recipe is None:
             settings |= {
                 "dataset": None,
+                "raw": None,
                 "optics": None,
                 "angles_deg": None,
                 "wavelengths_um": None,
                 "frame_rate_hz": None,
                 "boundary": "auto" if given is None else ((int(given[0]), int(given[1])),),
             }
-        new = (recipe or self.recipe).changed(**settings)
+        new = self._begun_with(recipe).changed(**settings)
         if new.boundary != "auto":
             new = new.changed(boundary=checked_frames(new.boundary, phase.shape[:2]))
         self._begin(None, None, new)
@@ -327,6 +335,15 @@ class State:
         if outcome is not None:
             self.take_outcome(outcome)
             self.outcome_changed.emit()
+
+    def _begun_with(self, recipe: Recipe | None) -> Recipe:
+        """Return the settings to begin with; what an earlier recipe has set unseen is gone."""
+        own = self.brought.without(self.recipe)
+        self.brought.forget()
+        if recipe is None:
+            return own
+        self.brought.take(own, recipe)
+        return recipe
 
     def _begin(self, recording: Recording | None, truth: TruthCall | None, recipe: Recipe) -> None:
         """Forget what belonged to an earlier recording."""
@@ -382,7 +399,7 @@ class State:
     def take_outcome(self, outcome: Outcome | None) -> None:
         """Take results, and forget what was made of others."""
         self.outcome, self.margin, self.measured, self.cells = outcome, None, None, None
-        self.confidence, self.warnings, self.verdict = {}, {}, ""
+        self.confidence, self.warnings, self.verdict, self.steps_words = {}, {}, "", ""
 
     def take_finished(
         self, data: xr.Dataset, method: str, name: str, result: xr.DataArray

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from magicgui.widgets import CheckBox, ComboBox, FloatSpinBox
@@ -60,6 +60,8 @@ HEADINGS = {
     "volume (um^3)": ("µm³", "Volume, by the index that is given.", ".1f"),
     "speed (um/s)": ("µm/s", "Speed: median over its frames.", ".2f"),
 }
+#: What is plotted by its name.
+Curves: TypeAlias = "dict[str, np.ndarray[Any, np.dtype[np.float64]]]"
 #: More curves than this have no bands.
 MOST_BANDS = 12
 #: What can be saved: the tables, or a picture of the plot.
@@ -75,6 +77,9 @@ class CellsPart(Step):
     def build(self) -> None:
         """Make the widgets."""
         self._by_methods: dict[str, pd.DataFrame] = {}
+        #: All cells that were found, and the curves that are shown with what they depend on.
+        self._found: list[int] = []
+        self._curves: tuple[tuple[Any, ...], Curves, Curves] | None = None
         self._build_choices()
         self.go = self.button(
             "Find cells",
@@ -267,7 +272,7 @@ class CellsPart(Step):
 
         def receive(tables: dict[str, pd.DataFrame]) -> None:
             if self.chosen == [cell]:
-                self._by_methods = tables
+                self._by_methods, self._curves = tables, None
                 self._draw()
 
         plan = plan_cell_by_methods(self.session, cell, receive, optics=own_optics())
@@ -341,7 +346,7 @@ class CellsPart(Step):
 
     def _show_cells(self) -> None:
         """Show table and curves of the cells that were found."""
-        self._by_methods = {}
+        self._by_methods, self._curves = {}, None
         cells = self.session.cells
         if cells is None or cells.table.empty:
             self.table.clear_rows()
@@ -352,6 +357,7 @@ class CellsPart(Step):
             self._name_button()
             return
         summary = cells.summary
+        self._found = summary["cell"].tolist()
         summary["parent"] = summary["parent"].where(summary["parent"] > 0)
         # A column in which nothing stands takes the room of one that says something.
         told = summary.dropna(axis="columns", how="all")
@@ -382,21 +388,33 @@ class CellsPart(Step):
         where = view_of(cells.labels, frame[1])
         now = float(cells.labels["time"].values[frame[0]])
         times = np.asarray(cells.labels["time"].values, dtype=np.float64)
-        if self._by_methods:
-            tables = {METHODS[m].label: t for m, t in self._by_methods.items()}
-            colours: dict[str, str] = {}
-        else:
-            wanted = self.chosen or cells.summary["cell"].tolist()
-            tables = {f"cell {n}": cells.table[cells.table["cell"] == n] for n in wanted}
-            colours = {f"cell {n}": colour_of(int(n)) for n in wanted}
-        here = {key: of_view_number(t, cells.labels, frame[1]) for key, t in tables.items()}
-        curves = {key: over_time(t, name, times) for key, t in here.items()}
-        error, words = PLOTTED[str(name)], on_screen(str(name))
-        banded = error and len(curves) <= MOST_BANDS
-        bands = {k: over_time(t, error, times) for k, t in here.items()} if banded else {}
+        wanted = [] if self._by_methods else self.chosen or self._found
+        colours = {f"cell {n}": colour_of(int(n)) for n in wanted}
+        curves, bands = self._curves_of(cells, str(name), wanted, frame[1])
+        words = on_screen(str(name))
         self.plot.show_traces(
             [Panel(times, curves, f"time (s), at {where}", words, now, bands, colours)]
         )
+
+    def _curves_of(
+        self, cells: Cells, name: str, wanted: list[int], view: int
+    ) -> tuple[Curves, Curves]:
+        """Return curves and bands at a view, as they were at the last step if they still hold."""
+        about = (id(cells.table), name, tuple(wanted), view, *map(id, self._by_methods.values()))
+        if self._curves is None or self._curves[0] != about:
+            times = np.asarray(cells.labels["time"].values, dtype=np.float64)
+            if self._by_methods:
+                tables = {METHODS[m].label: t for m, t in self._by_methods.items()}
+            else:
+                groups = cells.table.groupby("cell")
+                there = groups.groups  # a row may still be that of cells before
+                tables = {f"cell {n}": groups.get_group(n) for n in wanted if n in there}
+            here = {key: of_view_number(t, cells.labels, view) for key, t in tables.items()}
+            error = PLOTTED[name] if len(here) <= MOST_BANDS else ""
+            curves = {key: over_time(t, name, times) for key, t in here.items()}
+            bands = {k: over_time(t, error, times) for k, t in here.items()} if error else {}
+            self._curves = (about, curves, bands)
+        return self._curves[1:]
 
     def save_to(self, path: str | Path) -> None:
         """Write both tables as CSV, units in the headings; or the plot as PNG or SVG."""

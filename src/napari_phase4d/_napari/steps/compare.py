@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -29,13 +30,7 @@ from napari_phase4d._napari.viewing.layers import METADATA_KEY, lazy_of, stack_o
 from napari_phase4d._napari.viewing.pointing import table_of_regions
 from napari_phase4d._napari.widgets.boundary_map import AgreementStrip
 from napari_phase4d._napari.widgets.section import LowTabs
-from napari_phase4d.analysis import (
-    best_known,
-    in_memory,
-    most_trusted,
-    order_verdict,
-    steps_sentence,
-)
+from napari_phase4d.analysis import in_memory, most_trusted
 from napari_phase4d.io import write_figure, write_movie
 from napari_phase4d.later import xr
 from napari_phase4d.plotting import (
@@ -46,7 +41,7 @@ from napari_phase4d.plotting import (
     phase_limits,
     telling_frames,
 )
-from napari_phase4d.task import Task
+from napari_phase4d.task import Task, Watch
 from napari_phase4d.words import frame_in_words
 
 __all__ = ["CompareStep"]
@@ -221,7 +216,10 @@ class CompareStep(Step):
                 tooltip="Layer with the exact phase, on the same grid, to count errors against.",
             )
         )
-        self.when_changed(self.truth, self._take_truth)
+        #: The layer that was chosen last, and the exact phase that was made of it.
+        self._taken: tuple[Any, xr.DataArray | None] = (NONE, None)
+        self.when_changed(self.truth, self._choose_truth)
+        self.jobs.idle.connect(lambda _: self._show_truth())  # as after one that was cancelled
         self.column.addLayout(
             self.row(self.difference.native, self.label("Truth"), self.truth.native)
         )
@@ -258,10 +256,10 @@ class CompareStep(Step):
         """Show what was clicked."""
         self.cells.clicked()
 
-    def region_drawn(self, layer: Any) -> None:
-        """Look at and measure the region that was drawn."""
-        self.trace.region_drawn()
-        self.measuring.region_drawn(layer)
+    def region_drawn(self, layer: Any, changed: Sequence[int] = ()) -> None:
+        """Look at and measure the region that was drawn, or whose corners were changed."""
+        self.trace.region_drawn(layer)
+        self.measuring.region_drawn(layer, changed)
 
     def reset_choices(self) -> None:
         """Look for layers again."""
@@ -309,18 +307,19 @@ class CompareStep(Step):
 
     def show_margin(self) -> None:
         """Show where steps are too large."""
-        self.jobs.start(plan_margin(self.session), then=self._margin_known)
+        self.jobs.start(plan_margin(self.session, in_words=True), then=self._margin_known)
 
     def _margin_known(self) -> None:
         self.presenter.show_margin()
-        self.said.emit(self.words_on_the_steps())
+        self.said.emit(self.session.steps_words)
 
     def show_difference(self) -> None:
         """Show each result less the chosen one."""
         self.session.needed_outcome()
         chosen = self.difference.value
-        self.presenter.show_difference(self._references()[chosen])
-        self.said.emit(f"Each result {chosen}, in radians: dark is 0, half the scale a cycle.")
+        words = f"Each result {chosen}, in radians: dark is 0, half the scale a cycle."
+        plan = self.presenter.plan_difference(self._references()[chosen])
+        self.jobs.start(plan, then=lambda: self.said.emit(words))
 
     def _references(self) -> dict[str, str]:
         """Return what differences can be taken to: words on screen -> method id."""
@@ -355,10 +354,42 @@ class CompareStep(Step):
         else:
             phase = self.session.needed_reconstruction()["phase"]
             truth = stack_like(chosen, phase)
+        plan = plan_truth(self.session, truth)
+
+        def receive(found: Any) -> None:
+            plan.receive(found)
+            self._taken = (chosen, self.session.truth)
+            self._show_truth()
+
         if self.session.outcome is None and (truth is None or truth.chunks is None):
-            self.session.set_truth(truth)  # there is nothing to read and nothing to count
+            receive((truth, None))  # there is nothing to read and nothing to count
         else:
-            self.jobs.start(plan_truth(self.session, truth))
+            self.jobs.start(replace(plan, receive=receive))
+
+    def _choose_truth(self) -> None:
+        """Count errors against the chosen layer; one that is refused is not shown as chosen."""
+        try:
+            self._take_truth()
+        except Exception:
+            self._show_truth()
+            raise
+
+    def _show_truth(self) -> None:
+        """Show what errors are counted against."""
+        truth, (layer, taken) = self.session.truth, self._taken
+        choices = self.truth.choices
+        if truth is None:
+            shown: Any = NONE
+        elif self.session.known_truth is truth:
+            shown = KNOWN
+        elif taken is not None and taken.data is truth.data:
+            shown = layer
+        else:
+            layers = (la for la in choices if la not in (NONE, KNOWN))
+            shown = next((la for la in layers if la.data is truth.data), self.truth.value)
+        if shown in choices:
+            with self.own_change():
+                self.truth.value = shown
 
     def _show_choices(self) -> None:
         with self.own_change():
@@ -367,22 +398,7 @@ class CompareStep(Step):
             if before in references:
                 self.difference.value = before
             self.truth.reset_choices()
-            known = self.session.known_truth
-            if self.session.truth is None:
-                self.truth.value = NONE
-            elif known is not None and self.session.truth is known:
-                self.truth.value = KNOWN
-
-    def words_on_the_steps(self) -> str:
-        """Say along which dimensions steps are too large, and which order suits the object."""
-        if self.session.margin is None:
-            return ""
-        outcome, truth = self.session.outcome, self.session.truth
-        results = self.session.results
-        frames = self.session.start_frames if outcome is None else outcome.recipe.start_frames
-        _, basis = best_known(results, truth)
-        verdict = order_verdict(results, next(iter(frames), (0, 0)), truth)
-        return f"{steps_sentence(self.session.margin, basis)} {verdict}"
+        self._show_truth()
 
     def words_on_confidence(self) -> str:
         """Say which results are least to be trusted, and where whole objects may have slipped."""
@@ -509,11 +525,13 @@ class SharePart(Step):
         outcome, frame = self.session.needed_outcome(), self.presenter.current_frame()
         phase = outcome.reconstruction["phase"]
         frames = telling_frames(phase, outcome.recipe.start_frames[0], frame)
-        self._start(
-            Path(path),
-            lambda *_: write_figure(path, comparison_figure(stacks, frames)),
-            "The figure is",
-        )
+
+        def work(task: Task) -> Path:
+            drawn = comparison_figure(stacks, frames)
+            Watch(1, "drawing the figure", task).check()  # cancelled, it must not be written
+            return write_figure(path, drawn)
+
+        self._start(Path(path), work, "The figure is")
 
     def save_recipe(self, path: str | Path) -> None:
         """Write all settings."""

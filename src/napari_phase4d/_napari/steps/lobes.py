@@ -10,7 +10,7 @@ from typing import Any
 from magicgui.widgets import ComboBox
 from qtpy.QtCore import QElapsedTimer, QTimer, Signal
 
-from napari_phase4d._napari.session import plan_lobes
+from napari_phase4d._napari.session import plan_lobes, with_known_views
 from napari_phase4d._napari.steps.step import Step
 from napari_phase4d._napari.widgets.section import Turning
 from napari_phase4d._napari.widgets.spectrum_canvas import LobeTable, SpectrumCanvas, changed_lobe
@@ -76,8 +76,9 @@ class LobesStep(Step):
     def build(self) -> None:
         """Make the widgets."""
         self._drawn: xr.DataArray | None = None
-        #: What was found first, while the other choice is taken.
-        self._first: FoundLobes | None = None
+        #: What was found first, and the other choice; and the views of each when it was left.
+        self._choices: tuple[FoundLobes, ...] = ()
+        self._left: list[list[Lobe]] = []
         self._previewed: tuple[Recording, int, Preview] | None = None
         self._build_buttons()
         self.canvas = SpectrumCanvas()
@@ -166,7 +167,6 @@ class LobesStep(Step):
 
     def find_lobes(self) -> None:
         """Find the views, in a thread."""
-        self._first = None
         self.jobs.start(plan_lobes(self.session), then=self._go_on)
 
     def _go_on(self) -> None:
@@ -236,6 +236,7 @@ class LobesStep(Step):
 
     def _show(self) -> None:
         lobes = self.session.lobes
+        self._follow_undo()
         if self._drawn is not self.session.spectrum:
             self._drawn = self.session.spectrum
             self.canvas.set_spectrum(self._drawn)
@@ -249,9 +250,20 @@ class LobesStep(Step):
 
     def _as_found(self) -> FoundLobes | None:
         """Return what was found, while its circles stay as they were found."""
-        found, lobes = self.session.found, self.session.lobes
-        same = found is not None and [k.carrier for k in found] == [k.carrier for k in lobes]
-        return found if same else None
+        found = self.session.found
+        return found if found is not None and at_same(found, self.session.lobes) else None
+
+    def _choice(self) -> int | None:
+        """Return which of the two choices is taken: 0 for the first; None before the second."""
+        found = self.session.found
+        return next((n for n, choice in enumerate(self._choices) if choice is found), None)
+
+    def _follow_undo(self) -> None:
+        """Let that choice be taken whose circles have come back, with what is said of it."""
+        if self._choice() is not None and self._as_found() is None:
+            lobes = self.session.lobes
+            back = next((choice for choice in self._choices if at_same(choice, lobes)), None)
+            self.session.found = back or self.session.found
 
     def doubts(self) -> Sequence[str]:
         """Return what the finder could not know, and which circles can't be right."""
@@ -264,13 +276,16 @@ class LobesStep(Step):
         if found is None or not found.other:
             msg = "there is no other choice of views"
             raise ValueError(msg)
-        first, self._first = self._first, None
-        if first is None:
-            self._first = found
+        now = self._choice()
+        if now is None:
             doubts = (f"{OTHER_TAKEN} {found.doubts_of_views[-1]}",)
-            first = FoundLobes(found.other, 1 - found.chance, doubts, list(found))
-        self.session.found = first
-        self.session.set_lobes(list(first))
+            second = FoundLobes(found.other, 1 - found.chance, doubts, list(found))
+            self._choices, self._left, now = (found, second), [list(found), list(second)], 0
+        wanted, lobes = 1 - now, self.session.lobes
+        if at_same(self._choices[now], lobes):  # with the angles that were typed in
+            self._left[now] = lobes
+        self.session.found = self._choices[wanted]
+        self.session.set_lobes(with_known_views(self._left[wanted], lobes))
 
     def _start(self) -> None:
         """Show the preview soon; moves that follow each other must not put it off."""
@@ -335,6 +350,11 @@ class LobesStep(Step):
             pixel = recording.optics.pixel_um
             words += f" = {ky / pixel:+.2f}, {kx / pixel:+.2f} cycles/µm"
         self.frequency.setText(words)
+
+
+def at_same(some: Sequence[Lobe], others: Sequence[Lobe]) -> bool:
+    """Say whether two choices of views have the same carriers."""
+    return [lobe.carrier for lobe in some] == [lobe.carrier for lobe in others]
 
 
 def caption_of(lobe: Lobe, unknown: bool) -> str:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from magicgui.widgets import CheckBox, ComboBox
-from napari.layers import Shapes
+from napari.layers import Labels, Shapes
 from numpy.typing import NDArray
 from qtpy.QtCore import QTimer
 from qtpy.QtWidgets import QFileDialog
@@ -15,6 +17,7 @@ from qtpy.QtWidgets import QFileDialog
 from napari_phase4d._napari.jobs import Latest, sentence_of
 from napari_phase4d._napari.preferences import own_optics
 from napari_phase4d._napari.session import (
+    Changed,
     Masks,
     MasksCall,
     plan_measuring,
@@ -167,6 +170,7 @@ class TracePart(Step):
         self.session.outcome_changed.connect(self._forget)
         self.session.recording_changed.connect(self._forget)
         self.session.truth_changed.connect(self._start)
+        self.session.calibration_changed.connect(self._read_anew)
 
     def _start_region(self) -> None:
         self.presenter.start_regions()
@@ -184,12 +188,12 @@ class TracePart(Step):
         """Follow the sliders."""
         self._start()
 
-    def region_drawn(self) -> None:
-        """Look at the region that was drawn last."""
+    def region_drawn(self, layer: Any) -> None:
+        """Look at the region that was drawn last, in this layer if it has any."""
         if self.session.reconstruction is None:
             return
         phase = self.session.needed_reconstruction()["phase"]
-        self._mask = newest_region(self.presenter.viewer, phase)
+        self._mask = newest_region(self.presenter.viewer, phase, layer)
         self._start()
 
     def unpin(self) -> None:
@@ -203,7 +207,12 @@ class TracePart(Step):
         self._start()
 
     def _forget(self) -> None:
-        self._mask = self._pixel = self._read = None
+        self._mask = self._pixel = None
+        self._read_anew()
+
+    def _read_anew(self) -> None:
+        """Show the same place, whose times may be others now."""
+        self._read = None
         self._reading.drop()
         self._start()
 
@@ -339,6 +348,10 @@ class MeasurePart(Step):
 
     def build(self) -> None:
         """Make the widgets."""
+        #: Counts what has changed what would be measured.
+        self._changes = 0
+        #: Layers of labels that were measured; painting in them is heard of.
+        self._heard: list[Labels] = []
         self._build_choices()
         self.go = self.button(
             "Measure", "measure", "Table and plot of every region over time.", self.measure
@@ -365,6 +378,8 @@ class MeasurePart(Step):
         )
         self.column.addLayout(self.row(self.copy, self.save))
         self.when_changed(self.quantity, self._draw)
+        for widget in (self.result, self.regions, self.follow):
+            self.when_changed(widget, self._outdate)
         self.session.measured_changed.connect(self._show_measured)
         self.session.outcome_changed.connect(self._show_results)
         self.session.recording_changed.connect(self._new_recording)
@@ -412,8 +427,11 @@ class MeasurePart(Step):
 
     def reset_choices(self) -> None:
         """Look for layers again."""
+        before = self.regions.value
         with self.own_change():
             self.regions.reset_choices()
+        if self.regions.value != before:  # it was removed
+            self._outdate()
 
     def _new_recording(self) -> None:
         """Measure the whole object again: regions of another recording lie elsewhere."""
@@ -421,11 +439,13 @@ class MeasurePart(Step):
             self.regions.value = OBJECT
         self._show_results()
 
-    def region_drawn(self, layer: Any) -> None:
+    def region_drawn(self, layer: Any, changed: Sequence[int] = ()) -> None:
         """Measure the layer in which a region was drawn, unless another one was chosen."""
         if self.session.reconstruction is not None:
-            note_frame(layer, self.presenter.current_frame())
+            note_frame(layer, self.presenter.current_frame(), changed)
         self.reset_choices()
+        if self.regions.value == layer:
+            self._outdate()
         if self.regions.value == OBJECT and layer in self.regions.choices:
             self.regions.value = layer
 
@@ -446,10 +466,33 @@ class MeasurePart(Step):
             object_index=None if self.index.value <= 1 else self.index.value,
             refraction_increment_ml_per_g=self.increment.value,
         )
-        self.jobs.start(
-            plan,
-            then=self._tell,
-        )
+        changes = self._changes
+
+        def receive(measured: pd.DataFrame) -> None:
+            if self._changes != changes:
+                raise Changed
+            plan.receive(measured)
+
+        self.jobs.start(replace(plan, receive=receive), then=self._tell)
+        self._hear_of_painting(self.regions.value)
+
+    def _hear_of_painting(self, layer: Any) -> None:
+        """Take what was measured of labels for old once something is painted in them."""
+        if isinstance(layer, Labels) and not any(layer is known for known in self._heard):
+            layer.events.paint.connect(self._painted)
+            self._heard.append(layer)
+
+    def _painted(self, event: Any) -> None:
+        if self.presenter.listens and self.regions.value == event.source:
+            self._outdate()
+
+    def _outdate(self) -> None:
+        """Take away what was measured: region or result have changed, and it is not theirs."""
+        self._changes += 1
+        if self.session.measured is not None:
+            self.session.measured = None
+            self.table.clear_rows()
+            self.plot.message("What is to be measured has changed; press Measure again.")
 
     def _tell(self) -> None:
         words = "The curves follow the angle on screen."

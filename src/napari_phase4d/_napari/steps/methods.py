@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
+from decimal import Decimal
 from typing import Any
 
-from magicgui.widgets import CheckBox, ComboBox, FloatSpinBox, SpinBox
+from magicgui.widgets import CheckBox, ComboBox, FloatSpinBox, LineEdit, SpinBox
 from qtpy.QtCore import Qt, Signal
 from qtpy.QtWidgets import (
     QCheckBox,
@@ -142,6 +144,8 @@ class MethodList(QWidget):  # type: ignore[misc]
 
 LARGEST = 1_000_000
 DECIMALS = 6
+#: More than this, and digits behind the point, the boxes of Qt don't hold.
+LARGEST_IN_BOX, LARGEST_FLOAT, MOST_DECIMALS = 2**31 - 1, 1e15, 30
 
 
 class MethodRow(QWidget):  # type: ignore[misc]
@@ -198,17 +202,15 @@ class MethodRow(QWidget):  # type: ignore[misc]
     def changed(self) -> dict[str, Any]:
         """Return the options that differ from their defaults."""
         defaults = self._defaults()
-        return {
-            name: field.value
-            for name, field in self.fields.items()
-            if field.value != defaults[name]
-        }
+        values = {name: value_in(field, defaults[name]) for name, field in self.fields.items()}
+        return {name: value for name, value in values.items() if value != defaults[name]}
 
     def show_choice(self, *, ticked: bool, options: Mapping[str, Any]) -> None:
         """Show whether the method is to be run, and with which options."""
         self.tick.setChecked(ticked)
         for name, default in self._defaults().items():
-            self.fields[name].value = options.get(name, default)
+            field, value = self.fields[name], options.get(name, default)
+            field.value = str(value) if isinstance(field, LineEdit) else value
 
     def show_suiting(self, why_not: str) -> None:
         """Let the method be ticked where nothing speaks against it, else say what does."""
@@ -258,8 +260,34 @@ def field_of(option: Option) -> Any:
         return ComboBox(name=option.name, choices=list(option.choices), value=option.default)
     if isinstance(option.default, bool):
         return CheckBox(name=option.name, value=option.default, text="")
-    if isinstance(option.default, int):
-        return SpinBox(name=option.name, value=option.default, min=0, max=LARGEST)
-    box = FloatSpinBox(name=option.name, value=option.default, min=-LARGEST, max=LARGEST, step=0.1)
-    box.native.setDecimals(DECIMALS)
+    if isinstance(option.default, str):
+        return LineEdit(name=option.name, value=option.default)
+    field = number_field(option.name, option.default)
+    if field is None or field.value != option.default:
+        return LineEdit(name=option.name, value=str(option.default))
+    return field
+
+
+def number_field(name: str, default: float) -> Any:
+    """Return a box for numbers like a default; None for one that is too large for any."""
+    most = max(LARGEST, 10 * abs(default)) if math.isfinite(default) else math.inf
+    if isinstance(default, int) and most <= LARGEST_IN_BOX:
+        return SpinBox(name=name, value=default, min=0 if default >= 0 else -most, max=most)
+    if isinstance(default, int) or most > LARGEST_FLOAT:
+        return None
+    # Set one by one: as it is made, a box rounds its value to fewer digits.
+    box = FloatSpinBox(name=name, min=-most, max=most, step=0.1)
+    digits = -int(Decimal(repr(float(default))).as_tuple().exponent)
+    box.native.setDecimals(max(DECIMALS, min(digits, MOST_DECIMALS)))
+    box.value = default
     return box
+
+
+def value_in(field: Any, default: Any) -> Any:
+    """Return what a field holds, of the type of the default; that, if it can't be read."""
+    if not isinstance(field, LineEdit) or isinstance(default, str):
+        return field.value
+    try:
+        return type(default)(field.value)
+    except ValueError:
+        return default

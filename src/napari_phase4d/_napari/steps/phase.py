@@ -47,6 +47,8 @@ class PhaseStep(Step):
     def build(self) -> None:
         """Make the widgets."""
         self._reference_file = ""
+        #: A frame that a recipe names as the reference: what it is called, and its number.
+        self._named_frame: dict[str, int] = {}
         self.column.addLayout(self.form)
         self._build_reference()
         self._build_background()
@@ -209,11 +211,9 @@ class PhaseStep(Step):
         """Put the widgets' values into the recipe."""
         chosen = self.reference.value
         self.form.setRowVisible(self.choose_file, chosen == FILE)
-        known = REFERENCES | {FILE: self._reference_file or None}
-        # A frame that only a recipe names stays as it is.
-        reference = known.get(chosen, self.session.recipe.reference)
+        known = REFERENCES | self._named_frame | {FILE: self._reference_file or None}
         self.session.update(
-            reference=reference,
+            reference=known[chosen],
             background=self.background.value,
             background_order=self.order.value,
             refocus_um=self._distance(),
@@ -241,7 +241,7 @@ class PhaseStep(Step):
             self.window.value = recipe.window
             if named is None and isinstance(recipe.reference, int):
                 named = f"frame {recipe.reference}"
-                self.reference.choices = [*REFERENCES, FILE, named]
+                self._offer({named: recipe.reference})
             elif named is None:
                 self._reference_file = str(recipe.reference)
                 self.choose_file.setText(Path(self._reference_file).name)
@@ -254,8 +254,15 @@ class PhaseStep(Step):
         self.order_label.setVisible(asks)
         self.order.native.setVisible(asks)
 
+    def _offer(self, named_frame: dict[str, int]) -> None:
+        """Offer a frame as the reference that only a recipe names, or no such frame."""
+        self._named_frame = named_frame
+        self.reference.choices = [*REFERENCES, FILE, *named_frame]
+
     def _new_recording(self) -> None:
         """Forget the reference of the last recording."""
+        with self.own_change():
+            self._offer({})
         if self.session.recipe.reference is None:
             self._reference_file = ""
             self.choose_file.setText("Choose the file…")

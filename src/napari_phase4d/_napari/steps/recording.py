@@ -106,7 +106,7 @@ class RecordingStep(Step):
                 tooltip="An image layer that shows holograms (time, y, x), or wrapped phase.",
             ),
         )
-        self.layer.changed.connect(lambda chosen: self.guarded(lambda: self._take_layer(chosen)))
+        self.layer.changed.connect(lambda chosen: self.guarded(lambda: self._choose_layer(chosen)))
         self._build_optics()
         self.remove_raw = self.button(
             "Remove the uncalibrated layer",
@@ -281,6 +281,20 @@ class RecordingStep(Step):
         remember_optics(self.optics())
         self.said.emit("Kept in File > Preferences, page Phase 4D.")
 
+    def _choose_layer(self, layer: Any) -> None:
+        """Take a layer; one that is refused is not shown as chosen, so that it can be again."""
+        try:
+            self._take_layer(layer)
+        except Exception:
+            self._show_layer()
+            raise
+
+    def _show_layer(self) -> None:
+        """Show which layer is worked on."""
+        shown = None if self.session.recording is None else self.presenter.holograms
+        with self.own_change():
+            self.layer.value = shown if shown in self.layer.choices else None
+
     def _take_layer(self, layer: Any) -> None:
         if layer is None or self.filling:
             return
@@ -359,8 +373,7 @@ class RecordingStep(Step):
         if recording is None:
             self.remove_raw.hide()
             self.facts.setVisible(opened)
-            with self.own_change():
-                self.layer.value = None
+            self._show_layer()
             return
         optics = recording.optics
         values = {
@@ -376,8 +389,7 @@ class RecordingStep(Step):
                 # One frame has no rate; that of the recording before must not stay.
                 shown_value = NUMBERS[name][1] if value is None else value
                 box.value = min(max(shown_value, box.min), box.max)
-            shown = self.presenter.holograms
-            self.layer.value = shown if shown in self.layer.choices else None
+        self._show_layer()
         self._show_facts(recording)
 
     def _show_phase(self) -> None:

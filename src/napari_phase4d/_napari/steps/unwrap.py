@@ -142,8 +142,9 @@ class UnwrapStep(Step):
         needs = phase_needs(methods, data["phase"].shape)
         size = needs.in_memory if self.session.place is None else needs.on_disk
         told = [size_in_words(size)]
-        if self.session.estimate is not None:
-            told.insert(0, time_in_words(self.session.estimate[1]))
+        known = self.session.estimate
+        if known is not None and known[0] == methods:
+            told.insert(0, time_in_words(known[1]))
         self.go.setText(f"Run (about {', '.join(told)})")
 
     def _show_settings(self) -> None:
@@ -266,6 +267,9 @@ class BoundaryPart(Step):
         words = start_words(frames, found=automatic, of=data["phase"])
         if automatic or any(is_safe(self.session.scores, *frame) for frame in frames):
             return words
+        scores = self.session.scores
+        if scores is not None and any(np.isnan(scores.values[frame]) for frame in frames):
+            return f"{words[:-1]}; how safe it is is not known."
         return f"{words[:-1]}, not safe: ★ is safer."
 
     def _clicked(self, time: int, angle: int, *, more: bool) -> None:
@@ -351,6 +355,8 @@ def words_on_score(scores: Any, time: int, angle: int) -> str:
     if scores is None:
         return "Its safety is being looked at …"
     score = float(scores.values[time, angle])
+    if np.isnan(score):
+        return "How safe it is is not known: it was not looked at, or shows nothing to judge by."
     best = (time, angle) == tuple(scores.attrs["best"])
     verdict = "safe" if score > SAFE else "rather safe" if score > RATHER_SAFE else "not safe"
     if best:

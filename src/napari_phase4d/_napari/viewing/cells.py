@@ -71,6 +71,8 @@ class CellLayers:
         self.outlines: Any = None
         self._numbers: Any = None
         self._ways: Any = None
+        #: Ways at the angles that were looked at: making them takes as long as the labels do.
+        self._made: dict[int, Tracks] = {}
         self._angle = 0
 
     @property
@@ -142,11 +144,13 @@ class CellLayers:
                 return
             place = self.viewer.layers.index(before)
         label, colours = named(self._cells)
-        keywords = ways_layer(self._cells, f"ways of {label}", colours, angle)
         active = self.viewer.layers.selection.active
-        if keywords is None:
-            return
-        self._ways = Tracks(**keywords)
+        if angle not in self._made:
+            keywords = ways_layer(self._cells, f"ways of {label}", colours, angle)
+            if keywords is None:
+                return
+            self._made[angle] = Tracks(**keywords)
+        self._ways = self._made[angle]
         self._ways.visible = visible
         self.viewer.layers.insert(place, self._ways)
         if before is not None:
@@ -267,12 +271,22 @@ def pixels_of(cells: Cells) -> NDArray[np.float64]:
     columns = []
     for dim, name in zip(AXES, ("time (s)", "angle (deg)", "y (um)", "x (um)"), strict=True):
         places = np.asarray(cells.labels[dim].values, dtype=np.float64)
-        columns.append((cells.table[name].to_numpy(np.float64) - places[0]) / step_of(places))
+        values = cells.table[name].to_numpy(np.float64)
+        # Times and angles may be uneven; a cell lies between pixels, but in one frame.
+        whole = dim in ("time", "angle")
+        columns.append(
+            nearest_of(places, values) if whole else (values - places[0]) / step_of(places)
+        )
     if WAVELENGTH in cells.labels.coords:  # views are told by both
         keys = ["angle (deg)", "wavelength (um)"]
         views = zip(cells.labels["angle"].values, cells.labels[WAVELENGTH].values, strict=True)
         numbers = {view: number for number, view in enumerate(views)}
         columns[1] = np.array([numbers[row] for row in cells.table[keys].itertuples(False, None)])
-    found = np.column_stack(columns)
-    found[:, :2] = np.rint(found[:, :2])
-    return found
+    return np.column_stack(columns)
+
+
+def nearest_of(places: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Return the number of that place which lies nearest to each value."""
+    order = np.argsort(places)
+    middles = (places[order][1:] + places[order][:-1]) / 2
+    return order[np.searchsorted(middles, values)]

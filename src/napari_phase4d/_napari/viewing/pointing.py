@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -45,8 +46,8 @@ class Following:
     def __init__(self, viewer: Any, steps: Sequence[Any]) -> None:
         self._viewer = viewer
         self._steps = steps
-        self._regions: list[Any] = []
-        self._drawn: Callable[[Any], None] | None = None
+        self._regions: list[Watched] = []
+        self._drawn: Callable[[Any, Sequence[int]], None] | None = None
         self._stopped = False
         viewer.dims.events.current_step.connect(self._frame_changed)
         viewer.mouse_move_callbacks.append(self._cursor_moved)
@@ -62,17 +63,25 @@ class Following:
             self._viewer.mouse_move_callbacks.remove(self._cursor_moved)
         if self._pressed in self._viewer.mouse_drag_callbacks:
             self._viewer.mouse_drag_callbacks.remove(self._pressed)
-        for layer in self._regions:
-            layer.events.data.disconnect(self._region_changed)
+        for known in self._regions:
+            known.layer.events.data.disconnect(self._region_changed)
         self._regions = []
 
-    def watch_regions(self, drawn: Callable[[Any], None]) -> None:
-        """Call a function with the layer whenever a shape in it is drawn, changed or removed."""
+    def watch_regions(self, drawn: Callable[[Any, Sequence[int]], None]) -> None:
+        """Call a function whenever a shape is drawn, changed or removed.
+
+        ``drawn(layer, changed)`` is told the layer, and the numbers of shapes that were there and
+        have other corners now.
+        """
         self._drawn = drawn
         for layer in self._viewer.layers:
-            if isinstance(layer, Shapes) and not any(layer is known for known in self._regions):
+            if isinstance(layer, Shapes) and self._watched(layer) is None:
                 layer.events.data.connect(self._region_changed)
-                self._regions.append(layer)
+                self._regions.append(Watched(layer, copied_corners(layer)))
+
+    def _watched(self, layer: Any) -> Watched | None:
+        """Return what is known of a layer, None if it is not watched."""
+        return next((known for known in self._regions if known.layer is layer), None)
 
     def _frame_changed(self, event: Any = None) -> None:
         for step in self._steps:
@@ -98,8 +107,31 @@ class Following:
 
     def _region_changed(self, event: Any) -> None:
         # "adding" and the like come first, when the data are still those from before.
-        if self._drawn is not None and str(getattr(event.action, "value", "")) in DONE_ACTIONS:
-            self._drawn(event.source)
+        if self._drawn is None or str(getattr(event.action, "value", "")) not in DONE_ACTIONS:
+            return
+        known = self._watched(event.source)
+        self._drawn(event.source, () if known is None else known.changed())
+
+
+@dataclass
+class Watched:
+    """A layer of regions, and the corners of its shapes as they were last."""
+
+    layer: Shapes
+    corners: list[NDArray[np.float64]]
+
+    def changed(self) -> list[int]:
+        """Return which shapes have other corners than before; one that was added is none."""
+        before, self.corners = self.corners, copied_corners(self.layer)
+        if len(before) != len(self.corners):
+            return []
+        pairs = zip(before, self.corners, strict=True)
+        return [n for n, pair in enumerate(pairs) if not np.array_equal(*pair)]
+
+
+def copied_corners(layer: Shapes) -> list[NDArray[np.float64]]:
+    """Return the corners of all shapes of a layer, which may change them where they lie."""
+    return [np.array(corners, dtype=np.float64) for corners in layer.data]
 
 
 def current_frame(viewer: Any, stack: xr.DataArray) -> tuple[int, int]:
@@ -180,16 +212,24 @@ def regions_of_layer(layer: Any, phase: xr.DataArray) -> dict[str, Mask]:
     return {f"region {index + 1}": mask_of(layer, index, phase) for index in areas}
 
 
-def note_frame(layer: Any, frame: tuple[int, int]) -> None:
-    """Note in a layer of regions at which (time, angle) those were drawn that do not say it."""
-    known = layer.features
+def note_frame(layer: Any, frame: tuple[int, int], changed: Sequence[int] = ()) -> None:
+    """Note in a layer of regions at which (time, angle) those were drawn that do not say it.
+
+    Those that were ``changed`` are where they are now at this frame. Lines are no regions: a
+    layer of nothing else stays as it is.
+    """
+    areas = areas_of(layer)
+    if not areas:
+        return
+    numbers, known = np.arange(len(layer.data)), layer.features
     columns = [
         known[name].to_numpy(np.float64) if name in known else np.full(len(layer.data), np.nan)
         for name in FRAME_COLUMNS
     ]
     features = known.copy()
     for name, column, number in zip(FRAME_COLUMNS, columns, frame, strict=True):
-        features[name] = np.where(np.isfinite(column), column, float(number))
+        new = (~np.isfinite(column) | np.isin(numbers, changed)) & np.isin(numbers, areas)
+        features[name] = np.where(new, float(number), column)
     layer.features = features
     # Else napari gives the next shape the frame of this one.
     defaults = layer.feature_defaults
@@ -238,12 +278,15 @@ def table_of_regions(layers: Iterable[Any]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def newest_region(viewer: Any, phase: xr.DataArray) -> Mask | None:
-    """Return the region that was drawn last in the topmost Shapes layer, None if there is none."""
-    for layer in reversed(viewer.layers):
-        if isinstance(layer, Shapes) and len(layer.data):
-            areas = areas_of(layer)
-            return mask_of(layer, areas[-1], phase) if areas else None
+def newest_region(viewer: Any, phase: xr.DataArray, drawn_in: Any = None) -> Mask | None:
+    """Return the region that was drawn last, None if there is none.
+
+    It is that of the layer that was ``drawn_in``, else of the topmost layer that has any.
+    """
+    first = [drawn_in] if drawn_in is not None and drawn_in in viewer.layers else []
+    for layer in (*first, *reversed(viewer.layers)):
+        if isinstance(layer, Shapes) and (areas := areas_of(layer)):
+            return mask_of(layer, areas[-1], phase)
     return None
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from napari.layers import Labels
 
-from napari_phase4d._napari.session import Session
+from napari_phase4d._napari.session import Changed, Plan, Session
 from napari_phase4d._napari.turns import UNSEEN, Steps, exhaust
 from napari_phase4d._napari.viewing.cells import OUTLINE, CellLayers, object_layer
 from napari_phase4d._napari.viewing.grid import (
@@ -19,6 +19,7 @@ from napari_phase4d._napari.viewing.grid import (
     take_down,
 )
 from napari_phase4d._napari.viewing.layers import (
+    LayerTuple,
     hologram_layer,
     lazy_of,
     phase_colormap,
@@ -33,6 +34,7 @@ from napari_phase4d.later import xr
 from napari_phase4d.pipeline import Outcome
 from napari_phase4d.plotting import EXACT
 from napari_phase4d.recording import Recording
+from napari_phase4d.task import Task, Watch
 from napari_phase4d.unwrapping import METHODS, check_method
 
 __all__ = ["Presenter"]
@@ -364,15 +366,21 @@ class Presenter(Stage):
         margin = self.session.margin
         if margin is not None:
             named = margin.data_vars.items()
-            stacks = ((f"step {str(n).replace('_', ' ')}", stack) for n, stack in named)
-            self._show_made(stacks, "margin", (margin,))
+            layers = (
+                stack_layer(stack, f"step {str(n).replace('_', ' ')}", "margin")
+                for n, stack in named
+            )
+            self._show_made(layers, "margin", (margin,))
 
     def show_confidence(self) -> None:
         """Show how far each result is to be trusted, side by side."""
         labels = self.session.needed_outcome().comparison.table["method"]
         maps = self.session.confidence
-        stacks = ((f"confidence in {labels[m]}", stack) for m, stack in maps.items())
-        self._show_made(stacks, "confidence", (maps,))
+        layers = (
+            stack_layer(stack, f"confidence in {labels[m]}", "confidence")
+            for m, stack in maps.items()
+        )
+        self._show_made(layers, "confidence", (maps,))
 
     def show_difference(self, reference: str) -> None:
         """Show each result less one of them, side by side.
@@ -381,6 +389,21 @@ class Presenter(Stage):
         ----------
         reference : str
             The id or label of a method among the results, or "exact" for the truth.
+        """
+        self.plan_difference(reference).run()
+
+    def plan_difference(self, reference: str) -> Plan:
+        """Plan to show each result less one of them, see `show_difference`.
+
+        Parameters
+        ----------
+        reference : str
+            The id or label of a method among the results, or "exact" for the truth.
+
+        Raises
+        ------
+        ValueError
+            If it is not there, or nothing is to be compared with it.
         """
         labels = self.session.needed_outcome().comparison.table["method"]
         if reference != EXACT:
@@ -395,9 +418,27 @@ class Presenter(Stage):
         if not others:
             msg = f"there is no other result than {name} to compare with it"
             raise ValueError(msg)
-        stacks = ((f"{labels[m]} − {name}", difference(r, base)) for m, r in others.items())
-        made_of = (base, self.session.results)
-        self._show_made(stacks, "difference", made_of, f"difference to {reference}")
+        made_of, key = (base, self.session.results), f"difference to {reference}"
+        known = self._has_made(key, made_of)
+
+        def work(task: Task) -> list[LayerTuple]:
+            made, left = [], {} if known else others
+            watch = Watch(len(left), "taking the differences", task)
+            for method, result in left.items():
+                less = difference(result, base)
+                made.append(stack_layer(less, f"{labels[method]} − {name}", "difference"))
+                watch.step()
+            return made
+
+        def receive(layers: list[LayerTuple]) -> None:
+            now = self.session.truth if reference == EXACT else self.session.results.get(reference)
+            if now is not base or self.session.results is not made_of[1]:
+                raise Changed
+            if known and not self._has_made(key, made_of):  # removed meanwhile
+                raise Changed
+            self._show_made(layers, "difference", made_of, key)
+
+        return Plan("Taking the differences", work, receive)
 
     def show_wrapped(self) -> None:
         """Show the wrapped phase alone, where it has not been removed."""
@@ -412,29 +453,35 @@ class Presenter(Stage):
 
     def _show_made(
         self,
-        stacks: Iterable[tuple[str, xr.DataArray]],
+        made: Iterable[LayerTuple],
         kind: str,
         made_of: tuple[object, ...],
         key: str = "",
     ) -> None:
-        """Show named stacks side by side, in new layers unless those of before show the same."""
-        self.turns.run(self._making(stacks, kind, made_of, key or kind))
+        """Show layers side by side, new ones unless those of before show the same."""
+        self.turns.run(self._making(made, kind, made_of, key or kind))
+
+    def _has_made(self, key: str, made_of: tuple[object, ...]) -> bool:
+        """Say whether layers of before show the same, and are all there."""
+        before, layers = self._made.get(key, ((), []))
+        same = len(before) == len(made_of) and all(map(operator.is_, before, made_of))
+        return same and all(layer in self.viewer.layers for layer in layers)
 
     def _making(
         self,
-        stacks: Iterable[tuple[str, xr.DataArray]],
+        made: Iterable[LayerTuple],
         kind: str,
         made_of: tuple[object, ...],
         key: str,
     ) -> Steps:
         self._show_as(kind)
-        before, layers = self._made.get(key, ((), []))
-        same = len(before) == len(made_of) and all(map(operator.is_, before, made_of))
-        if not same or any(layer not in self.viewer.layers for layer in layers):
-            layers = []
-            for name, stack in stacks:
-                layers.append((yield from self._adding(stack_layer(stack, name, kind))))
-            self._made[key] = (made_of, layers)
+        if not self._has_made(key, made_of):
+            new = []
+            for layer in made:
+                added = yield from self._adding(layer)
+                new.append(added)
+            self._made[key] = (made_of, new)
+        layers = self._made[key][1]
         yield from self._together(layers, layers[0].contrast_limits)
 
     def _show_as(self, showing: str) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,23 +13,28 @@ from qtpy.QtCore import QEvent, QSize, Qt
 from qtpy.QtGui import QFontInfo, QPalette, QShowEvent
 from qtpy.QtWidgets import QLabel, QStackedLayout, QWidget
 
+from napari_phase4d._napari.widgets.curve_layout import (
+    USUAL_POINTS,
+    arrange_panels,
+    finite_range,
+    paint_figure,
+    paint_truth,
+    place_legend,
+    set_positions,
+)
 from napari_phase4d.io.atomic import written_whole
 from napari_phase4d.plotting import CURVE_COLOURS, EXACT
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.axis import Axis
     from matplotlib.collections import PolyCollection
     from matplotlib.figure import Figure
-    from matplotlib.legend import Legend
     from matplotlib.lines import Line2D
 
 __all__ = ["CurvePlot", "Panel", "curve_styles", "steady_limits"]
 
 #: Sizes of words and of the legend, as shares of the widget's font.
 WORDS, LEGEND = 8 / 9, 7.5 / 9
-#: Points of the font for which spaces are given.
-USUAL_POINTS = 9.0
 DASHES = ("-", (0, (4, 1.5)), (0, (1.2, 1.2)))
 #: Width of the last curve in points, and how much wider each before it is: where several
 #: coincide, each is still seen.
@@ -38,20 +43,6 @@ THINNEST, THICKER = 1.2, 0.25
 MARGIN = 0.12
 #: Limits stay as they are while the curves fill at least this share of them.
 WELL_FILLED = 0.45
-#: Space for ticks and words round the panels, and between two of them, in 1/96 inch with the
-#: usual font.
-LEFT, RIGHT, BOTTOM, TOP = 54, 12, 38, 8
-BESIDE = 40
-#: Room that a tick takes with its number, in 1/96 inch.
-WIDTH_OF_TICK, HEIGHT_OF_TICK = 40, 32
-#: So few positions (viewing angles) each get their number.
-EACH_WRITTEN = 3
-#: Free space at the sides, as a share of the range.
-SIDE = 0.03
-#: A panel is at least so large, in 1/96 inch.
-LEAST_PANEL = 20
-#: The legend may take this share of the height.
-MOST_LEGEND = 0.4
 
 
 def curve_styles(names: Sequence[str]) -> dict[str, dict[str, Any]]:
@@ -69,13 +60,6 @@ def curve_styles(names: Sequence[str]) -> dict[str, dict[str, Any]]:
         }
         for i, name in enumerate(names)
     }
-
-
-def finite_range(arrays: Iterable[NDArray[np.float64]]) -> tuple[float, float] | None:
-    """Return the lowest and highest finite value; None if there is none."""
-    every = [a[np.isfinite(a)] for a in arrays]
-    values = np.concatenate(every) if every else np.zeros(0)
-    return (float(values.min()), float(values.max())) if values.size else None
 
 
 def steady_limits(
@@ -100,116 +84,6 @@ def steady_limits(
     # A constant gets some room too.
     room = MARGIN * (high - low) or 0.05 * max(abs(low), 1.0)
     return low - room, high + room
-
-
-def place_legend(figure: Figure, lines: Sequence[Line2D], points: float) -> Legend | None:
-    """Put a legend at the top in as many columns as fit; None if it would take too much room.
-
-    Parameters
-    ----------
-    figure : matplotlib.figure.Figure
-        Its other legends are removed.
-    lines : sequence of Line2D
-        One a name.
-    points : float
-        Size of its letters.
-    """
-    for legend in list(figure.legends):
-        legend.remove()
-    for columns in range(len(lines), 0, -1):
-        legend = figure.legend(
-            handles=list(lines),
-            loc="upper center",
-            ncols=columns,
-            fontsize=points,
-            frameon=False,
-            handlelength=1.6,
-            handletextpad=0.5,
-            columnspacing=1.0,
-            labelspacing=0.2,
-            borderaxespad=0.2,
-            borderpad=0.2,
-        )
-        box = legend.get_window_extent()
-        if box.height > MOST_LEGEND * figure.bbox.height:
-            legend.remove()
-            return None
-        if box.width <= figure.bbox.width:
-            return legend
-        legend.remove()
-    return None
-
-
-def arrange_panels(figure: Figure, points: float) -> None:
-    """Spread the panels, side by side, over the room that the legend and a font leave."""
-    unit = figure.dpi / 96 * points / USUAL_POINTS
-    total_width, total_height = figure.bbox.width / unit, figure.bbox.height / unit
-    top = TOP + sum(legend.get_window_extent().height / unit for legend in figure.legends)
-    words_between = any(axes.get_ylabel() for axes in figure.axes[1:])
-    beside = LEFT if words_between else BESIDE
-    columns = len(figure.axes)
-    width = (total_width - LEFT - RIGHT - (columns - 1) * beside) / columns
-    width = max(width, LEAST_PANEL)
-    height = max(total_height - top - BOTTOM, LEAST_PANEL)
-    left, bottom = LEFT / total_width, BOTTOM / total_height
-    figure.subplots_adjust(
-        left=left,
-        bottom=bottom,
-        right=max(1 - RIGHT / total_width, left + 0.05),
-        top=max(1 - top / total_height, bottom + 0.05),
-        wspace=beside / width,
-    )
-    for axes in figure.axes:
-        # Fixed places are quicker to draw, and no long number pushes words out of the picture.
-        axes.xaxis.set_label_coords(0.5, -(BOTTOM - 16) / height)
-        axes.yaxis.set_label_coords(-(LEFT - 16) / width, 0.5)
-        set_ticks(axes.xaxis, width / WIDTH_OF_TICK + 1)
-        set_ticks(axes.yaxis, height / HEIGHT_OF_TICK + 1)
-
-
-def set_ticks(axis: Axis, most: float) -> None:
-    """Let an axis have about ``most`` intervals between round numbers."""
-    from matplotlib.ticker import MaxNLocator
-
-    axis.set_major_locator(MaxNLocator(nbins=int(np.clip(most, 3, 7)), steps=[1, 2, 5, 10]))
-
-
-def set_positions(axes: Axes, x: NDArray[np.float64]) -> None:
-    """Fit the horizontal axis to the positions, and write each of them where they are few."""
-    low, high = finite_range([x]) or (0.0, 1.0)
-    # A single point gets some room.
-    room = SIDE * (high - low) or 0.5
-    axes.set_xlim(low - room, high + room)
-    if 0 < x.size <= EACH_WRITTEN:
-        axes.set_xticks(x)
-
-
-def paint_figure(figure: Figure, foreground: str, background: str) -> None:
-    """Give everything but the curves these two colours."""
-    figure.set_facecolor(background)
-    for axes in figure.axes:
-        paint_axes(axes, foreground)
-    for legend in figure.legends:
-        for text in legend.get_texts():
-            text.set_color(foreground)
-
-
-def paint_truth(figure: Figure, foreground: str) -> None:
-    """Give the truth's line in the legend a colour."""
-    for legend in figure.legends:
-        for line, text in zip(legend.get_lines(), legend.get_texts(), strict=True):
-            if text.get_text() == EXACT:
-                line.set_color(foreground)
-
-
-def paint_axes(axes: Axes, foreground: str) -> None:
-    """Give frame, ticks and words of one panel a colour."""
-    axes.set_facecolor("none")
-    for spine in axes.spines.values():
-        spine.set_edgecolor(foreground)
-    axes.tick_params(colors=foreground)
-    axes.xaxis.label.set_color(foreground)
-    axes.yaxis.label.set_color(foreground)
 
 
 NOTHING = "Move the mouse over a result."
@@ -351,6 +225,8 @@ class CurvePlot(QWidget):  # type: ignore[misc]
 #: Curves of at most so many points show each of them.
 FEW_POINTS = 12
 SAVED_DPI = 200
+#: Pixels by which the ends of lines stand out of a legend.
+CAPS = 4
 #: Width in points of curves that have a colour of their own, and how opaque their bands are.
 OWN_WIDTH, BAND = 1.5, 0.25
 
@@ -395,6 +271,24 @@ class Drawn:
     lines: dict[str, Line2D]
     mark: Line2D
     bands: list[PolyCollection] = field(default_factory=list)
+    #: What curves and bands show: their values by name.
+    values: dict[tuple[str, str], Values] = field(default_factory=dict)
+
+    def place_mark(self, at: float | None) -> None:
+        """Put the vertical line somewhere, or nowhere."""
+        self.mark.set_visible(at is not None)
+        self.mark.set_xdata([at or 0.0] * 2)
+
+    def takes(self, curves: Mapping[str, Values], panel: Panel) -> bool:
+        """Take the values that are to be shown; return whether any of them are new."""
+        before = self.values
+        errors = {n: np.ravel(np.asarray(e, np.float64)) for n, e in panel.errors.items()}
+        self.values = {("curve", n): y for n, y in curves.items()}
+        self.values |= {("band", n): e for n, e in errors.items()}
+        return before.keys() != self.values.keys() or not all(
+            np.array_equal(before[key], value, equal_nan=True)
+            for key, value in self.values.items()
+        )
 
 
 def values_of(panel: Panel) -> tuple[Values, dict[str, Values]]:
@@ -436,7 +330,9 @@ class CurveFigure:
         self._points = USUAL_POINTS
         self._drawn: list[Drawn] = []
         self._made_for: tuple[Any, ...] = ()
+        #: Pictures of axes and words, and of the curves over them.
         self._ground: Any = None
+        self._curved: Any = None
         self._legend: Any = None
 
     def show(self, panels: Sequence[Panel]) -> None:
@@ -455,7 +351,16 @@ class CurveFigure:
         if parts != self._made_for:
             self._build(panels)
             self._made_for = parts
-        # A list, so that every panel is made to fit.
+        # Lists, so that every panel takes its values and is made to fit.
+        new = [
+            drawn.takes(curves, panel)
+            for panel, drawn, (_, curves) in zip(panels, self._drawn, data, strict=True)
+        ]
+        if not any(new):  # such as at each step of the slider, which moves the line only
+            for drawn, panel in zip(self._drawn, panels, strict=True):
+                drawn.place_mark(panel.at)
+            self._redraw_marks()
+            return
         moved = [
             renew(drawn, curves, panel)
             for panel, drawn, (_, curves) in zip(panels, self._drawn, data, strict=True)
@@ -501,6 +406,7 @@ class CurveFigure:
 
     def redraw(self, *, everything: bool) -> None:
         """Draw the curves, and axes and words too if they have changed."""
+        self._curved = None
         if everything:
             self._ground = None
         if not self.canvas.isVisible():
@@ -511,6 +417,15 @@ class CurveFigure:
             self.canvas.restore_region(self._ground)
             self._draw_curves()
             self.canvas.update()
+
+    def _redraw_marks(self) -> None:
+        """Draw the vertical lines over the curves, which are as they were."""
+        if self._curved is None or not self.canvas.isVisible():
+            self.redraw(everything=False)
+            return
+        self.canvas.restore_region(self._curved)
+        self._draw_marks()
+        self.canvas.update()
 
     def _build(self, panels: Sequence[Panel]) -> None:
         """Make panels whose curves have no values yet."""
@@ -561,7 +476,8 @@ class CurveFigure:
         # The legend is slow to draw and stays as it is when axes change.
         for legend in self.figure.legends:
             if legend.get_visible():
-                self._legend = self.canvas.copy_from_bbox(legend.get_window_extent())
+                box = legend.get_window_extent().padded(CAPS)
+                self._legend = self.canvas.copy_from_bbox(box)
                 legend.set_visible(False)
             else:
                 self.canvas.restore_region(self._legend)
@@ -574,8 +490,14 @@ class CurveFigure:
 
     def _draw_curves(self) -> None:
         for drawn in self._drawn:
-            for artist in (*drawn.bands, drawn.mark, *drawn.lines.values()):
+            for artist in (*drawn.bands, *drawn.lines.values()):
                 drawn.axes.draw_artist(artist)
+        self._curved = self.canvas.copy_from_bbox(self.figure.bbox)
+        self._draw_marks()
+
+    def _draw_marks(self) -> None:
+        for drawn in self._drawn:
+            drawn.axes.draw_artist(drawn.mark)
 
 
 def renew(drawn: Drawn, curves: Mapping[str, Values], panel: Panel) -> bool:
@@ -592,8 +514,7 @@ def renew(drawn: Drawn, curves: Mapping[str, Values], panel: Panel) -> bool:
             look = {"color": line.get_color(), "alpha": BAND, "linewidth": 0, "animated": True}
             drawn.bands.append(drawn.axes.fill_between(drawn.x, y - error, y + error, **look))
             ends += [y - error, y + error]
-    drawn.mark.set_visible(panel.at is not None)
-    drawn.mark.set_xdata([panel.at or 0.0] * 2)
+    drawn.place_mark(panel.at)
     before = drawn.axes.get_ylim()
     after = steady_limits(finite_range(ends), before)
     drawn.axes.set_ylim(after)

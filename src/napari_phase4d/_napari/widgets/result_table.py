@@ -48,7 +48,7 @@ def on_screen(heading: str) -> str:
 
 
 class Cell(QTableWidgetItem):  # type: ignore[misc]
-    """A cell that sorts by its value, not by its words."""
+    """A cell that sorts by its value, not by its words; what is not known comes last."""
 
     def __init__(self, value: Any, form: str = ".3g") -> None:
         words = value if isinstance(value, str) else f"{value:{form}}"
@@ -59,7 +59,16 @@ class Cell(QTableWidgetItem):  # type: ignore[misc]
         mine, theirs = self.value, getattr(other, "value", "")
         if isinstance(mine, str) or isinstance(theirs, str):
             return str(mine) < str(theirs)
+        if mine != mine or theirs != theirs:  # NaN is neither less nor more
+            last = theirs if self._rises() else mine
+            return bool(last != last and (mine == mine or theirs == theirs))
         return bool(mine < theirs)
+
+    def _rises(self) -> bool:
+        """Say whether the table is being sorted upwards; downwards Qt asks the other way round."""
+        table = self.tableWidget()
+        order = None if table is None else table.horizontalHeader().sortIndicatorOrder()
+        return bool(order != Qt.SortOrder.DescendingOrder)
 
 
 class TrueColours(QStyledItemDelegate):  # type: ignore[misc]
