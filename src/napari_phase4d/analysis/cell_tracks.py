@@ -83,7 +83,8 @@ def tracks_of(
     spots = spots.assign(size=0.5 * diameter * np.log(spots["area"]))
     tracker = LapTrack(
         cutoff=reach**2,
-        gap_closing_cutoff=(FURTHER * reach) ** 2, gap_closing_max_frame_count=gap + 1 if gap else 0,
+        gap_closing_cutoff=(FURTHER * reach) ** 2,
+        gap_closing_max_frame_count=gap + 1 if gap else 0,
         splitting_cutoff=diameter**2,
         # Else what a new cell costs would hang on what the others cost.
         track_start_cost=COSTLIER * reach**2, track_end_cost=COSTLIER * reach**2,
