@@ -17,7 +17,7 @@ from napari_phase4d.holography.corrections import (
     background_surface,
     corrections,
     median_advice,
-    reference_frame,
+    numbered_frame,
     reference_note,
 )
 from napari_phase4d.holography.demodulation import Demodulator
@@ -315,9 +315,10 @@ def frame_reconstructor(
     visibility = fringe_visibility(looked_at.raw_frame(middle), demodulate, seen[middle])
     without = without_fringes_percent(list(seen.values()))
     reference = settings.reference
-    if looked_at is not rec and isinstance(reference, (int, np.integer)):
+    numbered = isinstance(reference, (int, np.integer)) and not isinstance(reference, bool)
+    if looked_at is not rec and numbered:
         # A number among all frames.
-        reference = reference_frame(rec, reference, demodulate, task)
+        reference = numbered_frame(rec, reference, demodulate, lost)
     found = corrections(
         looked_at,
         demodulate,
