@@ -21,6 +21,7 @@ from napari_phase4d.holography.demodulation import Demodulator
 from napari_phase4d.holography.emptyfield import FrameTilt, background_offset
 from napari_phase4d.holography.lost import STATIC_FRAMES, LostFrames, usual_fringes
 from napari_phase4d.holography.quality import is_noise, parts_of_views, shows_fringes
+from napari_phase4d.holography.surfaces import lit_part
 from napari_phase4d.holography.tilts import TiltsBetween, in_line
 from napari_phase4d.later import xr
 from napari_phase4d.recording import BrokenFrameError, Recording
@@ -89,13 +90,14 @@ def corrections(
     """
     kind, order = background_surface(background, background_order)
     factor = np.ones((1, 1, 1), dtype=np.complex64)
+    lit: NDArray[np.bool_] | None = None
     by_median = isinstance(reference, str) and reference == "median"
     if reference is not None and not by_median:
         divisor = reference_fields(rec, reference, demodulate, lost, task)
         if any(is_noise(field) for field in divisor):
             raise ValueError(NO_FRINGES)
         warn_of_dark_parts(divisor, seen)
-        factor = inverse(divisor)
+        factor, lit = inverse(divisor), lit_parts(divisor)
     tilts = TiltsBetween(demodulate.output_shape, tilt_per_frame)
     each = tilts.seen(static_fields(rec, demodulate, lost, seen, task))
     shown: list[float] = []
@@ -103,12 +105,16 @@ def corrections(
         static = np.stack(list(each))
         middle = median_fields(static)
         shown = [percent_not_smooth(field) for field in middle]
-        factor = inverse(middle)
+        factor, lit = inverse(middle), lit_parts(middle)
         each = iter(static)
     if not order:
         return Corrections(factor, [], [], [], [], shown)
     means = mean_fields(fields if reference is None else fields * factor for fields in each)
-    fits = fitted_views(rec.name, means, background, Surface(kind, order, means.shape[1:]), task)
+    if lit is not None:
+        means *= lit  # noise over noise is as bright as what is lit
+    given = reference is not None and not by_median
+    surface = Surface(kind, order, means.shape[1:])
+    fits = fitted_views(rec.name, means, background, surface, task, given=given)
     surfaces = np.stack([fit.surface for fit, _ in fits])
     factor = factor * np.exp(-1j * surfaces).astype(np.complex64)
     return Corrections(
@@ -127,8 +133,13 @@ def fitted_views(
     background: str,
     surface: Surface,
     task: Task,
+    *,
+    given: bool,
 ) -> list[tuple[Fit, float]]:
-    """Return the surface that fits each view, and what is left of its background, in rad rms."""
+    """Return the surface that fits each view, and what is left of its background, in rad rms.
+
+    ``given`` says whether there is a reference hologram, so that it is not asked for.
+    """
     better = BetterSurface(background, means.shape[1:])
     watch = Watch(len(means), "fit the background", task.quiet)
 
@@ -136,7 +147,7 @@ def fitted_views(
         fit = surface.fit(means[view])
         left = better.leaves(means[view], fit.surface)
         if background == "curvature" and fit.doubt and not left.explained:
-            raise ValueError(refusal(fit.doubt, view, name))
+            raise ValueError(refusal(fit.doubt, view, name, given=given))
         return fit, left.rad
 
     return list(in_threads(fitted, range(len(means)), watch))
@@ -182,11 +193,12 @@ class Corrections:
         return {name: values for name, values in notes.items() if values}
 
 
-def refusal(doubt: str, view: int, name: str) -> str:
+def refusal(doubt: str, view: int, name: str, *, given: bool) -> str:
     """Say why a curvature can't be fitted, and what to do."""
+    hologram = "" if given else "a reference hologram or "
     return (
-        f"curvature can't be fitted to view {view + 1} of {name}: {doubt}; use a reference "
-        'hologram or background="tilt"'
+        f"curvature can't be fitted to view {view + 1} of {name}: {doubt}; "
+        f'use {hologram}background="tilt"'
     )
 
 
@@ -224,6 +236,11 @@ def inverse(fields: NDArray[np.complex64]) -> NDArray[np.complex64]:
         raise ValueError(NO_FRINGES)
     result: NDArray[np.complex64] = fields.conj() / np.maximum(amplitude, darkest) ** 2
     return result
+
+
+def lit_parts(fields: Fields) -> NDArray[np.bool_]:
+    """Mark what is lit in each view of a reference (view, y, x)."""
+    return np.stack([lit_part(field) for field in fields])
 
 
 def static_fields(
