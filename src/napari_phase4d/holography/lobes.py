@@ -417,6 +417,9 @@ def in_order_of_angle(lobes: Sequence[Lobe]) -> tuple[list[Lobe], list[float]]:
 def with_wavelengths(lobes: Sequence[Lobe], wavelength_um: float) -> list[Lobe]:
     """Return lobes each of which names its wavelength, or none if that is the recording's.
 
+    Where all of them name that of the recording, they keep it: it stays theirs if the recording
+    gets another.
+
     Parameters
     ----------
     lobes : sequence of Lobe
@@ -430,7 +433,8 @@ def with_wavelengths(lobes: Sequence[Lobe], wavelength_um: float) -> list[Lobe]:
         In the same order.
     """
     light = [lobe.wavelength_um or wavelength_um for lobe in lobes]
-    unnamed = set(light) == {wavelength_um}
+    named = all(lobe.wavelength_um is not None for lobe in lobes)
+    unnamed = not named and set(light) == {wavelength_um}
     return [
         replace(lobe, wavelength_um=None if unnamed else own)
         for lobe, own in zip(lobes, light, strict=True)

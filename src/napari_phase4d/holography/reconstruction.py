@@ -306,7 +306,7 @@ def frame_reconstructor(
         check_bool(switch, getattr(settings, switch))
     check_lobes(lobes)
     looked_at = beginning_of(rec, settings.first_frames)
-    # A view that names the wavelength of the recording is like one that names none.
+    # Views that name the wavelength of the recording are like those that name none.
     common_um = one_wavelength(lobes, rec.optics.wavelength_um)
     lobes, angles = in_order_of_angle(with_wavelengths(lobes, rec.optics.wavelength_um))
     demodulate = Demodulator(rec.frame_shape, lobes, settings.window)
