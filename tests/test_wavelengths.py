@@ -143,6 +143,23 @@ def test_beams_of_different_wavelengths_have_no_beat() -> None:
     assert beats == [(0, 2), (1, 3)]
 
 
+def test_a_lobe_without_a_wavelength_has_that_of_the_recording() -> None:
+    carriers = ((0.2, 0.22), (-0.21, 0.2), (0.41, 0.02))  # the last is the beat of the others
+    for light in (0.6328, 0.5):
+        lobes = [p4d.Lobe(k, 0.05, i) for i, k in enumerate(carriers)]
+        lobes[1] = replace(lobes[1], wavelength_um=light)
+        same = light == 0.6328
+        pairs = [term.pair for term in stray_terms(lobes, 0.6328)[1:]]
+        assert pairs == ([(0, 1), (0, 2), (1, 2)] if same else [(0, 2)])
+        said = " ".join(lobe_warnings(lobes, 0.6328))
+        assert ("Circle 3 lies on the beat of circles 1 and 2" in said) is same
+        alike = [replace(lobe, angle_deg=0.0) for lobe in lobes]
+        told = " ".join(lobe_warnings(alike, 0.6328))
+        assert ("Circles 1, 2 and 3 have the same angle" in told) is same
+    with pytest.raises(ValueError, match="wavelength_um"):
+        lobe_warnings(lobes, -1)
+
+
 def test_the_camera_sees_no_beat_between_wavelengths(plates: xr.Dataset) -> None:
     """The spectrum holds the beats of each wavelength, and nothing between the two."""
     flat = plates["phase"].isel(time=[0]) * 0
