@@ -35,6 +35,7 @@ __all__ = [
     "curved_starts",
     "lit_part",
     "may_be_the_object",
+    "reached",
     "refined",
     "tightened",
 ]
