@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import imageio.v3 as iio
 import numpy as np
 import pytest
@@ -235,3 +237,24 @@ def test_imageio_is_what_reads_images(tmp_path) -> None:
     frames = video(((0.2, 0.2),), n_times=1).holograms.values
     iio.imwrite(tmp_path / "one.png", frames[0])
     assert_found(p4d.open_recording(tmp_path / "one.png"), ((0.2, 0.2),))
+
+
+@pytest.mark.parametrize(
+    ("carrier", "pupil"), [((0.38, 0.25), 0.089), ((0.42, 0.2), 0.05), ((0.36, 0.36), 0.089)]
+)
+def test_a_lobe_near_the_edge_ends_there_if_its_pupil_does(
+    carrier: tuple[float, float], pupil: float
+) -> None:
+    exact = swimming_euglena((192, 192), 2, pixel_um=0.25, peak_rad=4)["phase"][:, :1]
+    rec = multiplexed_video(exact, carriers=[carrier], pupil_radius=pupil)
+    (lobe,) = p4d.find_lobes(rec, 1)
+    assert pupil <= lobe.radius <= 0.5 - max(map(abs, lobe.carrier)) + 1e-6
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        p4d.reconstruct(rec, [lobe])
+
+
+def test_a_pupil_that_reaches_over_the_edge_is_not_cut_there() -> None:
+    exact = swimming_euglena((192, 192), 2, pixel_um=0.25, peak_rad=4)["phase"][:, :1]
+    (lobe,) = p4d.find_lobes(multiplexed_video(exact, carriers=[(0.45, 0.2)]), 1)
+    assert lobe.radius >= 0.089 > 0.5 - max(lobe.carrier)

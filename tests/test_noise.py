@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 import xarray as xr
 
 import napari_phase4d as p4d
+from helpers import wrap
 from napari_phase4d.analysis import noise_figures, noise_sentence
 from napari_phase4d.analysis.noise import variance_in_space
 from napari_phase4d.holography import WINDOWS, Demodulator, Lobe, fringe_visibility
+from napari_phase4d.holography.quality import fringe_advice
+from napari_phase4d.io import read_results, write_phase
 from napari_phase4d.simulation import multiplexed_video, swimming_euglena
 
 #: Its fringes fit into 192 pixels, so that nothing rings at the edges.
@@ -117,6 +121,28 @@ def test_visibility_of_each_view_and_of_none() -> None:
     found = fringe_visibility(frame, demodulate)
     assert found == pytest.approx([0.3, 0.12], rel=1e-4)
     assert fringe_visibility(0 * frame, demodulate) == [0, 0]
+    # Without a true zero the mean is no light.
+    for dark in (frame.mean(), 0.97 * frame.mean(), 2 * frame.mean()):
+        assert np.isnan(fringe_visibility(frame - dark, demodulate)).all()
+
+
+@pytest.mark.parametrize("kept", [0.0, 0.02, -0.5])
+def test_visibility_is_unknown_where_light_was_taken_off(kept: float, tmp_path: Path) -> None:
+    """What reads it copes: warnings, figures and files."""
+    exact = p4d.simulation.swimming_euglena((96, 96), 2, pixel_um=0.5)
+    rec = p4d.simulation.multiplexed_video(exact["phase"])
+    lobes = p4d.find_lobes(rec, n_views=2)
+    grey = rec.holograms.values.astype(np.float32)
+    known = p4d.reconstruct(rec, lobes)
+    ds = p4d.reconstruct(p4d.open_recording(grey - (1 - kept) * grey.mean()), lobes)
+    assert np.isnan(ds.attrs["fringe_visibility"]).all()
+    assert fringe_advice(ds.attrs) == ""
+    assert noise_figures(ds)["fringe_visibility"].isna().all()
+    assert np.abs(wrap(ds["phase"].values - known["phase"].values)).max() < 0.01
+    for ending in (".ome.tif", ".ome.zarr"):
+        write_phase(tmp_path / f"phase{ending}", ds["phase"])
+        again = read_results(tmp_path / f"phase{ending}")
+        assert np.isnan(again.attrs["fringe_visibility"]).all()
 
 
 def test_visibility_stays_with_its_view() -> None:

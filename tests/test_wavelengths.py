@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from scipy import ndimage
 import napari_phase4d as p4d
 from helpers import command, wrap
 from napari_phase4d.analysis import itoh_margin, noise_figures, order_shares
-from napari_phase4d.holography import lobe_warnings, refocused, stray_terms
+from napari_phase4d.holography import lobe_warnings, recalibrated, refocused, stray_terms
 from napari_phase4d.io import read_results, write_phase
 from napari_phase4d.plotting import angle_label
 from napari_phase4d.simulation import (
@@ -99,6 +100,10 @@ def test_one_wavelength_leaves_everything_as_it_was(hologram: p4d.Recording) -> 
         p4d.Lobe(lobe.carrier, lobe.radius, lobe.angle_deg, wavelength_um=0.6328) for lobe in plain
     ]
     expected, found = (p4d.reconstruct(hologram, lobes) for lobes in (plain, named))
+    assert [note["wavelength_um"] for note in found.attrs["lobes"]] == [0.6328] * 4
+    for each in (found, found["phase"], found["amplitude"]):  # that it was named is noted alone
+        for note in each.attrs["lobes"]:
+            note.pop("wavelength_um", None)
     xr.testing.assert_identical(found, expected)
     assert "wavelength" not in found.coords
     assert found.attrs["wavelength_um"] == 0.6328
@@ -106,6 +111,20 @@ def test_one_wavelength_leaves_everything_as_it_was(hologram: p4d.Recording) -> 
         p4d.Lobe(lobe.carrier, lobe.radius, lobe.angle_deg, wavelength_um=0.5) for lobe in plain
     ]
     assert p4d.reconstruct(hologram, other).attrs["wavelength_um"] == 0.5
+
+
+@pytest.mark.parametrize("named", [None, 0.6328, 0.5])
+def test_a_wavelength_that_lobes_name_is_not_the_microscopes(
+    hologram: p4d.Recording, named: float | None
+) -> None:
+    lobes = [
+        p4d.Lobe(x.carrier, x.radius, i, wavelength_um=named) for i, x in enumerate(lobes_of())
+    ]
+    other = hologram.calibrated(replace(hologram.optics, wavelength_um=0.4))
+    again = p4d.reconstruct(other, lobes)
+    found = recalibrated(p4d.reconstruct(hologram, lobes), other)
+    assert found.attrs["wavelength_um"] == again.attrs["wavelength_um"] == (named or 0.4)
+    assert found["phase"].attrs["wavelength_um"] == (named or 0.4)
 
 
 def test_views_of_the_same_angle_and_wavelength_are_numbered(hologram: p4d.Recording) -> None:
@@ -122,6 +141,23 @@ def test_views_of_the_same_angle_and_wavelength_are_numbered(hologram: p4d.Recor
 def test_beams_of_different_wavelengths_have_no_beat() -> None:
     beats = [term.pair for term in stray_terms(lobes_of()) if term.pair]
     assert beats == [(0, 2), (1, 3)]
+
+
+def test_a_lobe_without_a_wavelength_has_that_of_the_recording() -> None:
+    carriers = ((0.2, 0.22), (-0.21, 0.2), (0.41, 0.02))  # the last is the beat of the others
+    for light in (0.6328, 0.5):
+        lobes = [p4d.Lobe(k, 0.05, i) for i, k in enumerate(carriers)]
+        lobes[1] = replace(lobes[1], wavelength_um=light)
+        same = light == 0.6328
+        pairs = [term.pair for term in stray_terms(lobes, 0.6328)[1:]]
+        assert pairs == ([(0, 1), (0, 2), (1, 2)] if same else [(0, 2)])
+        said = " ".join(lobe_warnings(lobes, 0.6328))
+        assert ("Circle 3 lies on the beat of circles 1 and 2" in said) is same
+        alike = [replace(lobe, angle_deg=0.0) for lobe in lobes]
+        told = " ".join(lobe_warnings(alike, 0.6328))
+        assert ("Circles 1, 2 and 3 have the same angle" in told) is same
+    with pytest.raises(ValueError, match="wavelength_um"):
+        lobe_warnings(lobes, -1)
 
 
 def test_the_camera_sees_no_beat_between_wavelengths(plates: xr.Dataset) -> None:

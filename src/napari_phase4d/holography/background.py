@@ -18,7 +18,6 @@ from napari_phase4d.holography.aberrations import surface_of, terms_at
 from napari_phase4d.holography.emptyfield import (
     ENOUGH_BACKGROUND,
     fitted,
-    joined_to_the_border,
     mode_phase,
     solved,
     wrapped,
@@ -29,7 +28,9 @@ from napari_phase4d.holography.surfaces import (
     Judgement,
     Look,
     curved_starts,
+    lit_part,
     may_be_the_object,
+    reached,
     refined,
     tightened,
 )
@@ -45,6 +46,8 @@ __all__ = [
     "curvature_advice",
     "fitted_surface",
 ]
+
+Mask = NDArray[np.bool_]
 
 #: Background pixels deviate from the fit by less than this, in radians; first a generous limit.
 LIMITS_RAD = (1.5, 1.2, 1.0, 0.8, 0.8, 0.6, 0.6)
@@ -168,11 +171,12 @@ class Surface:
         if self.order == 0:
             return Fit(np.zeros(mean.shape, dtype=np.float32), np.zeros(0))
         unit = mean / np.maximum(np.abs(mean), np.finfo(np.float32).tiny)
-        found = self._nearest(unit, check)
+        lit = lit_part(mean)
+        found = self._nearest(unit, lit, check)
         # With more terms than curvature has, most objects can be fitted.
         doubt, unsure = "", False
         if self.order == 2:
-            found, doubt, unsure = self._chosen(mean, unit, found, check)
+            found, doubt, unsure = self._chosen(mean, unit, lit, found, check)
         surface = (
             np.tensordot(found, self.terms, 1)
             if self.thin == 1
@@ -181,17 +185,21 @@ class Surface:
         return Fit((surface - surface.mean()).astype(np.float32), found, doubt, unsure)
 
     def _nearest(
-        self, unit: NDArray[np.complexfloating], check: Callable[[], None]
+        self, unit: NDArray[np.complexfloating], lit: Mask, check: Callable[[], None]
     ) -> NDArray[np.float64]:
-        """Return the coefficients fitted to the pixels near the most frequent phase."""
+        """Return the coefficients fitted to the lit pixels near their most frequent phase."""
         phase = np.angle(unit[:: self.thin, :: self.thin]).astype(np.float64)
-        found = first_tilt(unit) if self.is_tilt else fitted_slopes(unit, self.slopes, check)
+        found = (
+            first_tilt(unit, lit) if self.is_tilt else fitted_slopes(unit, lit, self.slopes, check)
+        )
+        lit = lit[:: self.thin, :: self.thin]
+        enough = ENOUGH_BACKGROUND * lit.mean()
         for limit in LIMITS_RAD:
             check()
             residual = wrapped(phase - np.tensordot(found, self.terms, 1))
-            residual = wrapped(residual - mode_phase(residual))
-            near = joined_to_the_border(np.abs(residual) < limit)
-            if near.mean() < ENOUGH_BACKGROUND:
+            residual = wrapped(residual - mode_phase(residual[lit]))
+            near = reached((np.abs(residual) < limit) & lit, lit)
+            if near.mean() < enough:
                 break
             found += fitted(residual, near, self.terms)
         return found
@@ -200,6 +208,7 @@ class Surface:
         self,
         mean: NDArray[np.complex64],
         unit: NDArray[np.complexfloating],
+        lit: Mask,
         first: NDArray[np.float64],
         check: Callable[[], None],
     ) -> tuple[NDArray[np.float64], str, bool]:
@@ -209,7 +218,8 @@ class Surface:
         """
         look = Look(mean)
         terms = self.terms_seen(look.step)
-        found, best, off = self._most_explaining(mean, unit, first, look, check)
+        starts = self._curved(unit, lit, look.step)
+        found, best, off = self._most_explaining(mean, starts, first, look, check)
         found = tightened(found, look, terms)
         surface = np.tensordot(found, terms, 1)
         return found, doubt_of(best, off), may_be_the_object(look, surface, best)
@@ -217,7 +227,7 @@ class Surface:
     def _most_explaining(
         self,
         mean: NDArray[np.complex64],
-        unit: NDArray[np.complexfloating],
+        starts: Iterator[NDArray[np.float64]],
         first: NDArray[np.float64],
         look: Look,
         check: Callable[[], None],
@@ -231,7 +241,7 @@ class Surface:
         if best.share > CLEAR_SHARE:
             return first, best, 0.0
         found, tries = first, [(best, first)]
-        for start in self._curved(unit, look.step):
+        for start in starts:
             check()
             tried = refined(start, look.phase, terms, look.outer, look.lit)
             tries.append((look.judged(np.tensordot(tried, terms, 1)), tried))
@@ -248,13 +258,13 @@ class Surface:
         return self._terms_on(*(slice(None, None, step) for _ in self.shape))
 
     def _curved(
-        self, unit: NDArray[np.complexfloating], step: int
+        self, unit: NDArray[np.complexfloating], lit: Mask, step: int
     ) -> Iterator[NDArray[np.float64]]:
         """Yield the coefficients of some surfaces to begin with."""
         y, x = (np.linspace(-1, 1, n)[::step] for n in self.shape)
         known = terms_at("powers", 2, y, x, self.shape)
         matrix = self.terms_seen(step).reshape(len(known), -1)
-        for start in curved_starts(unit):
+        for start in curved_starts(unit, lit):
             values = np.tensordot(start, known, 1).ravel()
             yield solved(matrix, np.ones(values.size), values)
 
@@ -304,25 +314,29 @@ def neighbours(
     return (all_along, ahead), (all_along, here)
 
 
-def first_tilt(unit: NDArray[np.complexfloating]) -> NDArray[np.float64]:
-    """Return the coefficients of 1, y and x that median differences give."""
-    return np.array([0.0, slope(unit, 0), slope(unit, 1)])
+def first_tilt(unit: NDArray[np.complexfloating], lit: Mask) -> NDArray[np.float64]:
+    """Return the coefficients of 1, y and x that median differences of lit pixels give."""
+    return np.array([0.0, slope(unit, lit, 0), slope(unit, lit, 1)])
 
 
 def fitted_slopes(
     unit: NDArray[np.complexfloating],
+    lit: Mask,
     matrix: NDArray[np.float64],
     check: Callable[[], None] = nothing,
 ) -> NDArray[np.float64]:
-    """Return the coefficients whose slopes fit the wrapped differences of neighbours best.
+    """Return the coefficients whose slopes fit the wrapped differences of lit neighbours best.
 
     Differences need no unwrapping. The object's are left out by Tukey's biweight, with a limit of
     4.685 standard deviations, which are told by the median (Huber & Ronchetti, Robust
     Statistics).
     """
-    pairs = (neighbours(axis, unit.shape) for axis in (0, 1))
+    pairs = [neighbours(axis, unit.shape) for axis in (0, 1)]
     steps = [np.angle(unit[ahead] * unit[here].conj()).ravel() for ahead, here in pairs]
     step = np.concatenate(steps).astype(np.float64)
+    seen = np.concatenate([(lit[ahead] & lit[here]).ravel() for ahead, here in pairs])
+    if seen.any() and not seen.all():
+        step, matrix = step[seen], matrix[:, seen]
     weights: NDArray[np.float64] = np.ones(step.size)
     found: NDArray[np.float64] = np.zeros(len(matrix))
     for _ in range(SLOPE_ROUNDS):
@@ -353,11 +367,14 @@ def aligned_to(
     return field
 
 
-def slope(unit: NDArray[np.complexfloating], axis: int) -> float:
+def slope(unit: NDArray[np.complexfloating], lit: Mask, axis: int) -> float:
     """Return the phase from the middle to the edge of a tilt, by the median wrapped difference."""
     ahead = np.roll(unit, -1, axis)
     steps = np.angle(ahead * unit.conj())
     steps = np.delete(steps, -1, axis)
+    seen = np.delete(lit & np.roll(lit, -1, axis), -1, axis)
+    if seen.any():
+        steps = steps[seen]
     half_width: float = (unit.shape[axis] - 1) / 2
     return float(np.median(steps)) * half_width
 
@@ -483,8 +500,9 @@ def curvature_advice(attrs: Mapping[str, Any]) -> str:
     views = [view for view in attrs.get("curvature_unsure", ()) if view not in much]
     if not views:
         return ""
+    given = attrs.get("reference", "none") not in ("none", "median")
+    record = "" if given else "record a hologram without cells as the reference, or "
     return (
         f"the curvature taken off {named(views)} may be the object's, as too little is surely "
-        "empty: record a hologram without cells as the reference, or compare with "
-        "background='tilt'"
+        f"empty: {record}compare with background='tilt'"
     )

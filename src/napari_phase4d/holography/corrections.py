@@ -18,10 +18,11 @@ from napari_phase4d.holography.background import (
     aligned_to,
 )
 from napari_phase4d.holography.demodulation import Demodulator
-from napari_phase4d.holography.emptyfield import background_offset
+from napari_phase4d.holography.emptyfield import FrameTilt, background_offset
 from napari_phase4d.holography.lost import STATIC_FRAMES, LostFrames, usual_fringes
-from napari_phase4d.holography.quality import is_noise, parts_of_views
-from napari_phase4d.holography.tilts import TiltsBetween
+from napari_phase4d.holography.quality import is_noise, parts_of_views, shows_fringes
+from napari_phase4d.holography.surfaces import lit_part
+from napari_phase4d.holography.tilts import TiltsBetween, in_line
 from napari_phase4d.later import xr
 from napari_phase4d.recording import BrokenFrameError, Recording
 from napari_phase4d.stacks import PLAIN_AXES, looks_wrapped
@@ -35,7 +36,7 @@ __all__ = [
     "background_surface",
     "corrections",
     "median_advice",
-    "reference_frame",
+    "numbered_frame",
     "reference_note",
 ]
 
@@ -53,6 +54,11 @@ BACKGROUND_ORDERS: dict[str, int | None] = {
 STANDS_OUT_RAD, MUCH_PERCENT = 1.0, 2.0
 #: Below this share of its median the reference's amplitude is not divided by.
 DARKEST_REFERENCE = 0.05
+#: From so many percent of a view on it is worth a warning that the reference shows no fringes.
+DARK_PERCENT = 5.0
+#: The mean of a reference's frames is weak if half of its bright pixels have less than this share
+#: of the amplitude that single frames have there.
+WEAK_MEAN = 0.5
 NO_FRINGES = "the reference shows no fringes in at least one lobe; choose another reference"
 
 Reference = Any
@@ -84,12 +90,14 @@ def corrections(
     """
     kind, order = background_surface(background, background_order)
     factor = np.ones((1, 1, 1), dtype=np.complex64)
+    lit: NDArray[np.bool_] | None = None
     by_median = isinstance(reference, str) and reference == "median"
     if reference is not None and not by_median:
-        divisor = demodulate(reference_frame(rec, reference, demodulate, task))
+        divisor = reference_fields(rec, reference, demodulate, lost, task)
         if any(is_noise(field) for field in divisor):
             raise ValueError(NO_FRINGES)
-        factor = inverse(divisor)
+        warn_of_dark_parts(divisor, seen)
+        factor, lit = inverse(divisor), lit_parts(divisor)
     tilts = TiltsBetween(demodulate.output_shape, tilt_per_frame)
     each = tilts.seen(static_fields(rec, demodulate, lost, seen, task))
     shown: list[float] = []
@@ -97,12 +105,16 @@ def corrections(
         static = np.stack(list(each))
         middle = median_fields(static)
         shown = [percent_not_smooth(field) for field in middle]
-        factor = inverse(middle)
+        factor, lit = inverse(middle), lit_parts(middle)
         each = iter(static)
     if not order:
         return Corrections(factor, [], [], [], [], shown)
     means = mean_fields(fields if reference is None else fields * factor for fields in each)
-    fits = fitted_views(rec.name, means, background, Surface(kind, order, means.shape[1:]), task)
+    if lit is not None:
+        means *= lit  # noise over noise is as bright as what is lit
+    given = reference is not None and not by_median
+    surface = Surface(kind, order, means.shape[1:])
+    fits = fitted_views(rec.name, means, background, surface, task, given=given)
     surfaces = np.stack([fit.surface for fit, _ in fits])
     factor = factor * np.exp(-1j * surfaces).astype(np.complex64)
     return Corrections(
@@ -121,8 +133,13 @@ def fitted_views(
     background: str,
     surface: Surface,
     task: Task,
+    *,
+    given: bool,
 ) -> list[tuple[Fit, float]]:
-    """Return the surface that fits each view, and what is left of its background, in rad rms."""
+    """Return the surface that fits each view, and what is left of its background, in rad rms.
+
+    ``given`` says whether there is a reference hologram, so that it is not asked for.
+    """
     better = BetterSurface(background, means.shape[1:])
     watch = Watch(len(means), "fit the background", task.quiet)
 
@@ -130,7 +147,7 @@ def fitted_views(
         fit = surface.fit(means[view])
         left = better.leaves(means[view], fit.surface)
         if background == "curvature" and fit.doubt and not left.explained:
-            raise ValueError(refusal(fit.doubt, view, name))
+            raise ValueError(refusal(fit.doubt, view, name, given=given))
         return fit, left.rad
 
     return list(in_threads(fitted, range(len(means)), watch))
@@ -176,11 +193,12 @@ class Corrections:
         return {name: values for name, values in notes.items() if values}
 
 
-def refusal(doubt: str, view: int, name: str) -> str:
+def refusal(doubt: str, view: int, name: str, *, given: bool) -> str:
     """Say why a curvature can't be fitted, and what to do."""
+    hologram = "" if given else "a reference hologram or "
     return (
-        f"curvature can't be fitted to view {view + 1} of {name}: {doubt}; use a reference "
-        'hologram or background="tilt"'
+        f"curvature can't be fitted to view {view + 1} of {name}: {doubt}; "
+        f'use {hologram}background="tilt"'
     )
 
 
@@ -218,6 +236,11 @@ def inverse(fields: NDArray[np.complex64]) -> NDArray[np.complex64]:
         raise ValueError(NO_FRINGES)
     result: NDArray[np.complex64] = fields.conj() / np.maximum(amplitude, darkest) ** 2
     return result
+
+
+def lit_parts(fields: Fields) -> NDArray[np.bool_]:
+    """Mark what is lit in each view of a reference (view, y, x)."""
+    return np.stack([lit_part(field) for field in fields])
 
 
 def static_fields(
@@ -313,21 +336,51 @@ def median_of_parts(stack: NDArray[np.complex64]) -> NDArray[np.complex64]:
     return middle
 
 
-def reference_frame(
-    rec: Recording, reference: Reference, demodulate: Demodulator, task: Task
+def numbered_frame(
+    rec: Recording, number: int, demodulate: Demodulator, lost: LostFrames
 ) -> NDArray[np.generic]:
-    """Return the frame of the reference: the mean of those not lost, if it is a recording."""
+    """Return the frame of a recording that is the reference, by its number.
+
+    Raises
+    ------
+    ValueError
+        If there is no such frame, or if it is lost: nothing can be divided by what it lacks.
+    """
+    if not -rec.n_frames <= number < rec.n_frames:
+        msg = f"reference frame {number} does not exist; {rec.name} has {rec.n_frames} frames"
+        raise ValueError(msg)
+    frame = rec.raw_frame(int(number) % rec.n_frames)
+    if reason := lost.reason(frame, demodulate(frame)):
+        msg = (
+            f"reference frame {number} of {rec.name} is lost ({reason}); choose another frame, or "
+            "give the hologram of an empty field"
+        )
+        raise ValueError(msg)
+    return frame
+
+
+def reference_fields(
+    rec: Recording,
+    reference: Reference,
+    demodulate: Demodulator,
+    lost: LostFrames,
+    task: Task,
+) -> Fields:
+    """Return the fields (view, y, x) of the reference, the mean of those of its frames."""
     if isinstance(reference, bool) or is_table(reference):
         what = "a frame number, an array or a Recording"
         msg = f"reference must be {what}, but is {shown(reference)}"
         raise TypeError(msg)
     if isinstance(reference, (int, np.integer)):
-        if not -rec.n_frames <= reference < rec.n_frames:
-            msg = (
-                f"reference frame {reference} does not exist; {rec.name} has {rec.n_frames} frames"
-            )
-            raise ValueError(msg)
-        return rec.raw_frame(int(reference) % rec.n_frames)
+        return demodulate(numbered_frame(rec, int(reference), demodulate, lost))
+    recording = reference_recording(rec, reference)
+    if recording.n_frames == 1:
+        return demodulate(recording.frame(0))
+    return mean_of_frames(recording, demodulate, task)
+
+
+def reference_recording(rec: Recording, reference: Reference) -> Recording:
+    """Return a reference as a recording; ValueError if it is not as large as the frames."""
     if isinstance(reference, Recording):
         recording = reference
     elif isinstance(reference, (str, Path)):
@@ -347,30 +400,72 @@ def reference_frame(
             f"but the frames are {rec.frame_shape}"
         )
         raise ValueError(msg)
-    return mean_frame(recording, demodulate, task)
+    return recording
 
 
-def mean_frame(rec: Recording, demodulate: Demodulator, task: Task) -> NDArray[np.float32]:
-    """Return the mean of the frames that are not lost; one alone as it is."""
-    if rec.n_frames == 1:
-        return rec.frame(0)
+def mean_of_frames(rec: Recording, demodulate: Demodulator, task: Task) -> Fields:
+    """Return the mean fields of the frames that are not lost, each in line with the first.
+
+    Fringes move from frame to frame; so grey values, or fields as they are, would cancel.
+    """
     # It refuses what has no frame that is not lost.
     lost, _ = usual_fringes(rec, demodulate, task)
 
-    def seen(index: int) -> NDArray[np.float32] | None:
+    def seen(index: int) -> Fields | None:
         try:
             frame = rec.raw_frame(index)
         except BrokenFrameError:
             return None
-        return None if lost.reason(frame, demodulate(frame)) else frame.astype(np.float32)
+        fields = demodulate(frame)
+        return None if lost.reason(frame, fields) else fields
 
-    total, count = np.zeros(rec.frame_shape), 0
     watch = Watch(rec.n_frames, "look at the reference", task.quiet)
-    for frame in in_threads(seen, range(rec.n_frames), watch):
-        if frame is not None:
-            total += frame
-            count += 1
-    return (total / count).astype(np.float32)
+    found = in_threads(seen, range(rec.n_frames), watch)
+    return aligned_average(fields for fields in found if fields is not None)
+
+
+def aligned_average(each: Iterator[Fields]) -> Fields:
+    """Return the mean over frames of every view, in line with the first; say if it is weak."""
+    first = next(each)
+    tilt = FrameTilt((first.shape[1], first.shape[2]))
+    total, sizes, count = first.astype(np.complex128), np.abs(first).astype(np.float64), 1
+    for fields in each:
+        for view, field in enumerate(fields):
+            sizes[view] += np.abs(field)
+            total[view] += in_line(first[view], field, tilt)
+        count += 1
+    weak = [view for view, both in enumerate(zip(total, sizes, strict=True)) if cancels(*both)]
+    if weak:
+        views = " and ".join(f"view {view + 1}" for view in weak)
+        warn(
+            f"the frames of the reference don't agree in {views}, so that their mean is much "
+            "weaker than they are; give one of them, or a reference in which nothing moves"
+        )
+    total /= count
+    return total.astype(np.complex64)
+
+
+def cancels(total: NDArray[np.complex128], sizes: NDArray[np.float64]) -> bool:
+    """Say whether summed fields are much weaker than the sum of their amplitudes."""
+    bright = sizes >= np.median(sizes)
+    return bool(np.median(np.abs(total[bright])) < WEAK_MEAN * np.median(sizes[bright]))
+
+
+def warn_of_dark_parts(divisor: Fields, seen: Mapping[int, Fields]) -> None:
+    """Say where a reference shows no fringes, but a frame from the middle of those seen does."""
+    if not seen:
+        return
+    fields = seen[sorted(seen)[len(seen) // 2]]
+    percents = [
+        100 * float((shows_fringes(field) & ~shows_fringes(by)).mean())
+        for field, by in zip(fields, divisor, strict=True)
+    ]
+    views, count = parts_of_views(percents, DARK_PERCENT)
+    if count:
+        warn(
+            f"the reference shows no fringes on {views}, where the recording does: the phase "
+            "there is noise; choose another reference"
+        )
 
 
 def in_order_of_axes(reference: xr.DataArray) -> NDArray[np.generic]:

@@ -356,8 +356,11 @@ def lobes_of(
     # The 10 % quantile of exponential noise, times two.
     noise = 2 * float(np.quantile(plane.half[::4], 0.1)) / 0.105
     # All views pass one pupil, so one radius serves all.
-    radius = radius or min(
-        proposed_radius(k, [*carriers, *others], plane, noise) for k in carriers
+    radius = radius or within_edges(
+        min(proposed_radius(k, [*carriers, *others], plane, noise) for k in carriers),
+        carriers,
+        plane,
+        noise,
     )
     lobes = [Lobe(k, radius) for k in carriers]
     evidence = bright(choice, plane, lobes) if orient else [np.inf] * len(lobes)
@@ -475,6 +478,20 @@ def proposed_radius(
     limit = min([MAX_RADIUS_SHARE * distance, conjugate, *limits])
     floor = min(MIN_RADIUS_SHARE * distance, limit)
     return float(np.clip(lobe_extent(carrier, plane, noise, limit), floor, limit))
+
+
+def within_edges(
+    radius: float, carriers: Sequence[tuple[float, float]], plane: Plane, noise: float
+) -> float:
+    """Return the radius, or the one at which all lobes end within the spectrum.
+
+    That is taken only where it costs nothing of what is seen of the pupil: beyond the edge a lobe
+    goes on at the opposite one.
+    """
+    edge = 0.5 - max(abs(k) for carrier in carriers for k in carrier)
+    if radius <= edge or any(lobe_extent(k, plane, noise, radius) > edge for k in carriers):
+        return radius
+    return edge
 
 
 def lobe_extent(carrier: tuple[float, float], plane: Plane, noise: float, limit: float) -> float:

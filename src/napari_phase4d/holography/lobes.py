@@ -11,7 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.words import check_bool, check_number, checked_call, shown, views_are_numbered
+from napari_phase4d.words import (
+    check_bool,
+    check_number,
+    check_positive,
+    checked_call,
+    shown,
+    views_are_numbered,
+)
 
 __all__ = [
     "MAX_VIEWS",
@@ -194,7 +201,7 @@ class StrayTerm:
         return pair_distance(self.centre, lobe.carrier) < lobe.radius
 
 
-def stray_terms(lobes: Sequence[Lobe]) -> list[StrayTerm]:
+def stray_terms(lobes: Sequence[Lobe], wavelength_um: float | None = None) -> list[StrayTerm]:
     """Return the zero order and the beats of some views.
 
     Where two beams interfere, the Fourier plane holds the correlation of their two disks, which
@@ -207,6 +214,9 @@ def stray_terms(lobes: Sequence[Lobe]) -> list[StrayTerm]:
     ----------
     lobes : sequence of Lobe
         The views.
+    wavelength_um : float, optional
+        What those have that name none, in micrometres: that of the recording's `Optics`. Default:
+        it is not known, and none of those that are named.
 
     Returns
     -------
@@ -218,7 +228,7 @@ def stray_terms(lobes: Sequence[Lobe]) -> list[StrayTerm]:
         return []
     terms = [StrayTerm((0.0, 0.0), 2 * max(lobe.radius for lobe in lobes))]
     for (i, a), (j, b) in itertools.combinations(enumerate(lobes), 2):
-        if a.wavelength_um != b.wavelength_um:
+        if (a.wavelength_um or wavelength_um) != (b.wavelength_um or wavelength_um):
             continue
         ky, kx = (float(d - round(d)) for d in np.subtract(a.carrier, b.carrier))
         terms.append(StrayTerm((ky, kx), a.radius + b.radius, (i, j)))
@@ -226,7 +236,7 @@ def stray_terms(lobes: Sequence[Lobe]) -> list[StrayTerm]:
 
 
 @checked_call
-def lobe_warnings(lobes: Sequence[Lobe]) -> list[str]:
+def lobe_warnings(lobes: Sequence[Lobe], wavelength_um: float | None = None) -> list[str]:
     """Say in words what is wrong with the circles on the spectrum, and what to do about it.
 
     A circle may reach beyond the edge of the spectrum, and may overlap the zero order, a beat,
@@ -236,12 +246,17 @@ def lobe_warnings(lobes: Sequence[Lobe]) -> list[str]:
     ----------
     lobes : sequence of Lobe
         The chosen lobes.
+    wavelength_um : float, optional
+        What those have that name none, in micrometres: that of the recording's `Optics`. Default:
+        it is not known, and none of those that are named.
 
     Returns
     -------
     list of str
         At most one sentence for each circle and kind of trouble; empty if all is well.
     """
+    if wavelength_um is not None:
+        lobes = with_wavelengths(lobes, check_positive("wavelength_um", wavelength_um))
     terms = stray_terms(lobes)
     found: list[str] = []
     for index, lobe in enumerate(lobes):
@@ -417,6 +432,9 @@ def in_order_of_angle(lobes: Sequence[Lobe]) -> tuple[list[Lobe], list[float]]:
 def with_wavelengths(lobes: Sequence[Lobe], wavelength_um: float) -> list[Lobe]:
     """Return lobes each of which names its wavelength, or none if that is the recording's.
 
+    Where all of them name that of the recording, they keep it: it stays theirs if the recording
+    gets another.
+
     Parameters
     ----------
     lobes : sequence of Lobe
@@ -430,7 +448,8 @@ def with_wavelengths(lobes: Sequence[Lobe], wavelength_um: float) -> list[Lobe]:
         In the same order.
     """
     light = [lobe.wavelength_um or wavelength_um for lobe in lobes]
-    unnamed = set(light) == {wavelength_um}
+    named = all(lobe.wavelength_um is not None for lobe in lobes)
+    unnamed = not named and set(light) == {wavelength_um}
     return [
         replace(lobe, wavelength_um=None if unnamed else own)
         for lobe, own in zip(lobes, light, strict=True)

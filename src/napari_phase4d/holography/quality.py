@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -38,6 +39,8 @@ ALIKE, DARK, FAINT, BRIGHT = 0.5, 0.25, 0.05, 0.9
 #: Speckle contrast above this is that of noise, 0.52; of dense layers of steep cells it is 0.2 to
 #: 0.35.
 SPECKLED = 0.42
+#: Visibility may come out so large by noise.
+MOST_VISIBLE = 1.05
 #: Visibility below which there are no fringes, but noise.
 FAINTEST = 0.004
 #: From so many percent of a view on it is worth a warning.
@@ -83,7 +86,8 @@ def fringe_visibility(
 
     Fringes I (1 + V cos(2 pi k r)) leave a field of amplitude I V / 2 in their lobe; so V is twice
     the median amplitude over the mean grey value. Noise outside the lobe does not count, nor do
-    the fringes of the other views, but a dark level of the camera counts as light.
+    the fringes of the other views, but a dark level of the camera counts as light. Where light
+    was taken off, as the mean is by some, what is left is no measure of it.
 
     Parameters
     ----------
@@ -97,12 +101,22 @@ def fringe_visibility(
     Returns
     -------
     list of float
-        One a view, in the order of the demodulator's lobes; 0 for a dark frame.
+        One a view, in the order of the demodulator's lobes; 0 for a dark frame. NaN where grey
+        values are not 0 in the dark, since no fringes are stronger than the light is.
     """
     mean = float(frame.mean(dtype=np.float64))
     if fields is None:
         fields = demodulate(frame)
-    return [2 * float(np.median(np.abs(view))) / mean if mean > 0 else 0.0 for view in fields]
+    return [believed(2 * float(np.median(np.abs(view))), mean) for view in fields]
+
+
+def believed(strength: float, mean: float) -> float:
+    """Return a visibility from 0 to 1, NaN where the mean grey value is no measure of light."""
+    if strength == 0:
+        return 0.0
+    if mean <= 0 or strength > MOST_VISIBLE * mean:
+        return math.nan
+    return min(strength / mean, 1.0)
 
 
 def shows_fringes(field: NDArray[np.complex64]) -> NDArray[np.bool_]:

@@ -17,7 +17,7 @@ from napari_phase4d.holography.corrections import (
     background_surface,
     corrections,
     median_advice,
-    reference_frame,
+    numbered_frame,
     reference_note,
 )
 from napari_phase4d.holography.demodulation import Demodulator
@@ -306,7 +306,7 @@ def frame_reconstructor(
         check_bool(switch, getattr(settings, switch))
     check_lobes(lobes)
     looked_at = beginning_of(rec, settings.first_frames)
-    # A view that names the wavelength of the recording is like one that names none.
+    # Views that name the wavelength of the recording are like those that name none.
     common_um = one_wavelength(lobes, rec.optics.wavelength_um)
     lobes, angles = in_order_of_angle(with_wavelengths(lobes, rec.optics.wavelength_um))
     demodulate = Demodulator(rec.frame_shape, lobes, settings.window)
@@ -315,9 +315,10 @@ def frame_reconstructor(
     visibility = fringe_visibility(looked_at.raw_frame(middle), demodulate, seen[middle])
     without = without_fringes_percent(list(seen.values()))
     reference = settings.reference
-    if looked_at is not rec and isinstance(reference, (int, np.integer)):
+    numbered = isinstance(reference, (int, np.integer)) and not isinstance(reference, bool)
+    if looked_at is not rec and numbered:
         # A number among all frames.
-        reference = reference_frame(rec, reference, demodulate, task)
+        reference = numbered_frame(rec, reference, demodulate, lost)
     found = corrections(
         looked_at,
         demodulate,

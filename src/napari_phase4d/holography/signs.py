@@ -27,7 +27,7 @@ from napari_phase4d.holography.background import Surface
 from napari_phase4d.holography.demodulation import Demodulator
 from napari_phase4d.holography.emptyfield import wrapped
 from napari_phase4d.holography.lobes import Lobe
-from napari_phase4d.holography.surfaces import DARK_SHARE
+from napari_phase4d.holography.surfaces import DARK_SHARE, bright_level, lit_part
 
 __all__ = ["evidence_of", "sign_doubts", "sign_evidence", "together"]
 
@@ -96,7 +96,7 @@ def evidence_of(field: Field) -> float:
     inner = (slice(edge, -edge), slice(edge, -edge))
     # Where there are no fringes the phase is noise, and may lie far off on either side.
     seen = np.zeros(flat.shape, dtype=bool)
-    seen[inner] = np.abs(field[inner]) > DARK_SHARE * np.median(np.abs(field))
+    seen[inner] = np.abs(field[inner]) > DARK_SHARE * bright_level(np.abs(field))
     phase = skimage.restoration.unwrap_phase(np.ma.masked_array(np.angle(flat), ~seen))
     phase = np.asarray(phase[seen])
     deviation = phase - np.median(phase)
@@ -107,8 +107,9 @@ def evidence_of(field: Field) -> float:
         return 0.0
     skewness = float(np.mean(deviation**3)) / scale**3
     small = SKEWNESS * float(np.clip(skewness, -MOST_SKEWNESS, MOST_SKEWNESS))
-    small += FLAT_HEIGHT * float(np.arcsinh(2 * height_over_border(flat[inner]).radians))
-    height = height_over_border(field[inner])
+    lit = lit_part(field)[inner]
+    small += FLAT_HEIGHT * float(np.arcsinh(2 * height_over_border(flat[inner], lit).radians))
+    height = height_over_border(field[inner], lit)
     large = HEIGHT * float(np.arcsinh(2 * height.radians))
     if small * large >= 0:
         uneven = height.spread > SPREAD and height.at_border > AT_BORDER
@@ -137,16 +138,17 @@ class Height(NamedTuple):
     at_border: float
 
 
-def height_over_border(field: Field) -> Height:
-    """Return how high the phase lies over its border.
+def height_over_border(field: Field, lit: NDArray[np.bool_]) -> Height:
+    """Return how high the phase of a field's lit parts lies over their border.
 
     Unwrapped by least squares (Ghiglia & Romero 1994), which no single wrong step throws off,
     after the median slopes have been taken off.
     """
     phase = np.angle(field)
     down, across = (wrapped(np.diff(phase, axis=axis)) for axis in (0, 1))
-    down -= np.median(down)
-    across -= np.median(across)
+    for step, seen in ((down, lit[1:] & lit[:-1]), (across, lit[:, 1:] & lit[:, :-1])):
+        step -= np.median(step[seen]) if seen.any() else 0
+        step[~seen] = 0  # noise, beyond an aperture
     divergence = np.zeros(phase.shape)
     divergence[:-1] += down
     divergence[1:] -= down
@@ -158,12 +160,11 @@ def height_over_border(field: Field) -> Height:
     unwrapped = scipy.fft.idctn(
         scipy.fft.dctn(divergence, norm="ortho") / eigenvalues, norm="ortho"
     )
-    border = np.ones(phase.shape, dtype=bool)
-    border[BORDER:-BORDER, BORDER:-BORDER] = False
+    border = lit & ~scipy.ndimage.binary_erosion(lit, iterations=BORDER)
     low, middle, high = np.quantile(unwrapped[border], (0.25, 0.5, 0.75))
-    height = float(unwrapped.mean() - middle)
+    height = float(unwrapped[lit].mean() - middle)
     out = (unwrapped - middle) * np.sign(height)
-    inside = float(np.quantile(out, INSIDE_OUT))
+    inside = float(np.quantile(out[lit], INSIDE_OUT))
     at_border = float(np.quantile(out[border], BORDER_OUT))
     if height == 0 or inside <= 0:  # flat, or all that stands out is at the border
         return Height(height, 1.0, 1.0)

@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 from copy import copy
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy
@@ -30,8 +31,11 @@ __all__ = [
     "LOOK_PIXELS",
     "Judgement",
     "Look",
+    "bright_level",
     "curved_starts",
+    "lit_part",
     "may_be_the_object",
+    "reached",
     "refined",
     "tightened",
 ]
@@ -45,8 +49,13 @@ LOOK_PIXELS = 4000
 #: So many pixels of a view along its border are not judged: there the lobe's window joins opposite
 #: sides.
 BLURRED = 3
-#: Below this share of the median amplitude there are no fringes to judge.
+#: Below this share of the usual amplitude there are no fringes to judge.
 DARK_SHARE = 0.3
+#: The usual amplitude is the median, unless that is less than so much of what is bright, the 90 %
+#: quantile: then half of the view or more is dark, and the median is that of noise.
+MOSTLY_DARK, BRIGHT = 0.5, 0.9
+#: Whether a part is lit is told by the mean over so many pixels a side: a rim is no dark part.
+LIT_PIXELS = 5
 #: Beyond this distance, as a share of the largest, the level of the empty field is looked for.
 OUTER = 0.6
 #: A pixel is explained if it lies within so many radians of the surface.
@@ -97,6 +106,24 @@ class Judgement:
     rest: Array
 
 
+def bright_level(size: NDArray[np.floating]) -> float:
+    """Return the usual amplitude where there is light, as beyond an aperture there is none."""
+    middle, bright = float(np.median(size)), float(np.quantile(size, BRIGHT))
+    return bright if middle < MOSTLY_DARK * bright else middle
+
+
+def lit_part(field: NDArray[np.complexfloating]) -> Mask:
+    """Mark the parts of a field (y, x) that have light; elsewhere its phase is noise.
+
+    Single dark pixels, as at the rim of an object, are in lit parts. All of a field without any
+    light is marked.
+    """
+    size = np.abs(field)
+    dark = DARK_SHARE * bright_level(size)
+    found: Mask = scipy.ndimage.uniform_filter(size, LIT_PIXELS) > dark
+    return found if found.any() else np.ones_like(found)
+
+
 class Look:
     """A coarse look at the phase of a field, to judge surfaces by.
 
@@ -121,12 +148,16 @@ class Look:
         self.step = step or max(1, math.isqrt(mean.size // LOOK_PIXELS))
         seen = mean[:: self.step, :: self.step]
         self.phase: Array = np.angle(seen).astype(np.float64)
-        self.lit: Mask = np.abs(seen) > DARK_SHARE * np.median(np.abs(seen))
+        size = np.abs(seen)
+        self.lit: Mask = size > DARK_SHARE * bright_level(size)
+        self._part = lit_part(seen)
         rows, columns = (np.arange(0, n, self.step) for n in mean.shape)
         to_border = np.minimum.outer(
             *(np.minimum(i, n - 1 - i) for i, n in zip((rows, columns), mean.shape, strict=True))
         )
         judged = self.lit & (to_border >= min(BLURRED, *(n // 8 for n in mean.shape)))
+        # The edge of an aperture is half noise.
+        judged &= scipy.ndimage.binary_erosion(self._part, border_value=1)
         y, x = (2 * i / (n - 1) - 1 for i, n in zip((rows, columns), mean.shape, strict=True))
         away = np.hypot(y[:, None], x[None, :])
         away /= max(float(away.max(where=judged, initial=0)), 1e-6)
@@ -144,7 +175,7 @@ class Look:
         """Judge a surface (y, x) on the coarse grid."""
         rest = wrapped(self.phase - surface)
         rest = wrapped(rest - level_of(rest, self.outer))
-        smooth = scipy.ndimage.uniform_filter(rest, 3)
+        smooth = smoothed(rest, self._part)
         near = self.lit & reached(np.abs(smooth) < EXPLAINED_RAD, self.lit)
         close = np.where(near, 1 - (smooth / EXPLAINED_RAD) ** 2, 0)
         ends = sum(bool(near[end].mean() > END_EXPLAINED) for end in self._ends)
@@ -162,6 +193,15 @@ class Look:
         found = copy(self)
         found.phase = np.angle(mean) + surface
         return found
+
+
+def smoothed(rest: Array, part: Mask) -> Array:
+    """Return what is left, averaged over the nearest pixels that are in the lit part."""
+    if part.all():
+        return scipy.ndimage.uniform_filter(rest, 3)  # type: ignore[no-any-return]
+    share = scipy.ndimage.uniform_filter(part.astype(np.float64), 3)
+    found: Array = scipy.ndimage.uniform_filter(rest * part, 3) / np.maximum(share, 1e-6)
+    return found
 
 
 def level_of(rest: Array, outer: Mask) -> float:
@@ -218,13 +258,15 @@ def pixel_noise(look: Look, surface: Array) -> float:
     return 1.57 * float(np.median(rough)) if rough.size else math.inf
 
 
-def curved_starts(unit: NDArray[np.complexfloating]) -> list[Array]:
+def curved_starts(unit: NDArray[np.complexfloating], lit: Mask) -> list[Array]:
     """Return tilts with curvature that explain the slopes of many squares, the best first.
 
     Parameters
     ----------
     unit : ndarray of shape (y, x)
         The field, of amplitude 1.
+    lit : ndarray of bool, shape (y, x)
+        Its lit parts; squares count by how much of them is lit.
 
     Returns
     -------
@@ -234,11 +276,12 @@ def curved_starts(unit: NDArray[np.complexfloating]) -> list[Array]:
     if min(unit.shape) < 3 * SQUARES:
         return []
     slopes, (y, x) = square_slopes(unit)
+    light = square_sums(lit[:-1, :-1].astype(np.float64)) / square_sums(np.ones(lit[1:, 1:].shape))
     none, one = np.zeros_like(y), np.ones_like(y)
     matrix = np.stack(
         [np.stack([one, none, 2 * y, x, none], 1), np.stack([none, one, none, y, 2 * x], 1)], 1
     )
-    weights = (y**2 + x**2) ** 2 + 0.05
+    weights = ((y**2 + x**2) ** 2 + 0.05) * np.maximum(light.ravel(), 1e-6)
     weights /= weights.sum()
     squared = np.einsum("bij,bik->bjk", matrix, matrix)
     towards = np.einsum("bij,bi->bj", matrix, slopes)
@@ -280,17 +323,28 @@ def square_slopes(unit: NDArray[np.complexfloating]) -> tuple[Array, tuple[Array
     The phase of the summed products of neighbours needs no unwrapping.
     """
     here = unit[:-1, :-1].conj()
-    sides = [np.linspace(0, n, SQUARES + 1).astype(int) for n in here.shape]
+    sides = sides_of_squares(here.shape)
     slopes = []
     for ahead, n in ((unit[1:, :-1], unit.shape[0]), (unit[:-1, 1:], unit.shape[1])):
-        products = ahead * here
-        summed = np.add.reduceat(np.add.reduceat(products, sides[0][:-1], 0), sides[1][:-1], 1)
+        summed = square_sums(ahead * here)
         slopes.append(np.angle(summed).ravel().astype(np.float64) * (n - 1) / 2)
     y, x = (
         (side[:-1] + side[1:]) / (n - 1) - 1 for side, n in zip(sides, unit.shape, strict=True)
     )
     middles = np.meshgrid(y, x, indexing="ij")
     return np.stack(slopes, axis=1), (middles[0].ravel(), middles[1].ravel())
+
+
+def sides_of_squares(shape: tuple[int, ...]) -> list[NDArray[np.intp]]:
+    """Return where the squares of the grid begin and end along each axis."""
+    return [np.linspace(0, n, SQUARES + 1).astype(np.intp) for n in shape]
+
+
+def square_sums(values: NDArray[Any]) -> NDArray[Any]:
+    """Return the sum of values (y, x) in each square of the grid."""
+    rows, columns = sides_of_squares(values.shape)
+    found: NDArray[Any] = np.add.reduceat(np.add.reduceat(values, rows[:-1], 0), columns[:-1], 1)
+    return found
 
 
 # ---- whether it may be the object's ---------------------------------------------------------
