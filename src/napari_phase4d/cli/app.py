@@ -115,7 +115,7 @@ def demo(
             plain = run(recipe, sample.recording, progress=progress)
         truth = sample.truth(plain.reconstruction["phase"])
         outcome = replace(plain, comparison=plain.comparison.against(truth), truth=truth)
-        print_lobes(outcome.recipe.lobes)
+        print_lobes(outcome.recipe.lobes, outcome.recipe.optics)
         print_start(outcome)
         print_table(outcome.comparison.table)
         source = source_of(outcome)

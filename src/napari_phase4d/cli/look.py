@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shutil
 import warnings
 from collections.abc import Callable, Sequence
@@ -105,7 +106,7 @@ def info(
     except ValueError as error:
         console.print(f"  [yellow]{escape(str(error))}[/yellow]")
         return
-    print_lobes(lobes)
+    print_lobes(lobes, recording.optics)
     console.print(noise_sentence(noise_figures(first_frames(recording, lobes))))
     print_needs(
         lambda methods: needs_of(Recipe(methods=methods), recording, lobes),
@@ -233,7 +234,7 @@ def look(
         unwrapped = unwrap(shown["phase"][:1], method="spatial-2d", boundary=(0, 0))
         figures = noise_figures(shown.isel(time=slice(NOISE_FRAMES)))
         spectrum = power_spectrum(recording, max_frames=8, progress=progress)
-    print_lobes(lobes)
+    print_lobes(lobes, recording.optics)
     words = sentences(recording, data, figures)
     for line in words:
         console.print(escape(line))
@@ -287,9 +288,10 @@ def sentences(recording: Recording, data: xr.Dataset, figures: pd.DataFrame) -> 
         zip(data.attrs["lobes"], figures["fringe_visibility"], strict=True), start=1
     ):
         ky, kx = note["carrier"]
+        seen = "not known" if math.isnan(visibility) else f"{visibility:.2f}"
         lines.append(
             f"View {number}: carrier ({ky:.4f}, {kx:.4f}) 1/px, radius {note['radius']:.4f}, "
-            f"fringe visibility {visibility:.2f}"
+            f"fringe visibility {seen}"
         )
     lines.append(noise_sentence(figures))
     if "refocus_um" in data.attrs:

@@ -22,6 +22,7 @@ from napari_phase4d.holography import (
 )
 from napari_phase4d.io import write_figure
 from napari_phase4d.later import pd, xr
+from napari_phase4d.optics import Optics
 from napari_phase4d.pipeline import Outcome, Recipe, start_sentence
 from napari_phase4d.plotting import comparison_figure, named_results, telling_frames
 from napari_phase4d.task import ProgressCall
@@ -110,7 +111,7 @@ def print_start(outcome: Outcome) -> None:
     console.print(start_sentence(outcome.recipe, outcome.scores))
 
 
-def print_lobes(lobes: Sequence[Lobe]) -> None:
+def print_lobes(lobes: Sequence[Lobe], optics: Optics | None = None) -> None:
     """Print the views as a table, with warnings."""
     if not lobes:
         return
@@ -133,7 +134,7 @@ def print_lobes(lobes: Sequence[Lobe]) -> None:
             "numbered."
         )
     doubts = lobes.doubts if isinstance(lobes, FoundLobes) else ()
-    for warning in (*doubts, *lobe_warnings(lobes)):
+    for warning in (*doubts, *lobe_warnings(lobes, optics and optics.wavelength_um)):
         console.print(f"[yellow]{warning}[/yellow]")
 
 

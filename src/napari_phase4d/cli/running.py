@@ -162,7 +162,7 @@ def process(recipe: Recipe, folder: Path, form: str | None, scheduler: str | Non
         with bar() as progress:
             outcome = run_unwarned(recipe, task=Task(progress), folder=place, scheduler=scheduler)
         print_notes(outcome, advice_on(outcome, of_lobes=False))
-        print_lobes(outcome.recipe.lobes)
+        print_lobes(outcome.recipe.lobes, outcome.recipe.optics)
         print_missed_views(outcome, recipe)
         print_start(outcome)
         print_table(outcome.comparison.table)
@@ -449,7 +449,7 @@ def watch_command(
             optics_numbers=typed_optics(typed),
         )
     print_notes(outcome, ())
-    print_lobes(outcome.recipe.lobes)
+    print_lobes(outcome.recipe.lobes, outcome.recipe.optics)
     print_start(outcome)
     print_table(outcome.comparison.table)
     print_cells(outcome)

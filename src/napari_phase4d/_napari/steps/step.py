@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, NamedTuple
@@ -265,8 +266,9 @@ def facts_of_reconstruction(data: xr.Dataset, noise: pd.DataFrame | None) -> lis
     lines = [f"{frames}, {width} × {height} pixels"]
     if data.attrs.get("refocus_um"):
         lines[0] += f", refocused by {data.attrs['refocus_um']:.4g} µm"
-    if data.attrs.get("fringe_visibility"):
-        listed = ", ".join(f"{v:.2f}" for v in data.attrs["fringe_visibility"])
+    visibility = data.attrs.get("fringe_visibility", ())
+    if len(visibility) and not any(math.isnan(v) for v in visibility):  # some files hide it
+        listed = ", ".join(f"{v:.2f}" for v in visibility)
         lines.append(f"Fringe visibility {listed}")
     if noise is not None:
         lines.append(noise_sentence(noise))
