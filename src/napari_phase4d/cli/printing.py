@@ -134,7 +134,8 @@ def print_lobes(lobes: Sequence[Lobe], optics: Optics | None = None) -> None:
             "numbered."
         )
     doubts = lobes.doubts if isinstance(lobes, FoundLobes) else ()
-    for warning in (*doubts, *lobe_warnings(lobes, optics and optics.wavelength_um)):
+    own = None if optics is None else optics.wavelength_um
+    for warning in (*doubts, *lobe_warnings(lobes, own)):
         console.print(f"[yellow]{warning}[/yellow]")
 
 

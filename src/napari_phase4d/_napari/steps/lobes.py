@@ -268,9 +268,9 @@ class LobesStep(Step):
     def doubts(self) -> Sequence[str]:
         """Return what the finder could not know, and which circles can't be right."""
         found = self._as_found()
-        optics = self.session.recipe.optics or getattr(self.session.recording, "optics", None)
-        warnings = lobe_warnings(self.session.lobes, optics and optics.wavelength_um)
-        return (*(found.doubts if found else ()), *warnings)
+        recording = self.session.recording
+        own = None if recording is None else recording.optics.wavelength_um
+        return (*(found.doubts if found else ()), *lobe_warnings(self.session.lobes, own))
 
     def take_other(self) -> None:
         """Take the next best choice of views; the same button comes back."""
