@@ -27,7 +27,13 @@ from napari_phase4d.unwrapping.alone import (
     UnwrapBlock,
 )
 from napari_phase4d.unwrapping.chain import ORDERS, AlongAngle, Chain, Last, onwards
-from napari_phase4d.unwrapping.frames import centre_of_mass_shifts, lift_of, likeness, next_shift
+from napari_phase4d.unwrapping.frames import (
+    centre_of_mass_shifts,
+    lift_of,
+    likeness,
+    next_shift,
+    says_nothing,
+)
 from napari_phase4d.unwrapping.given import Counted, Given
 from napari_phase4d.unwrapping.growing import coherence
 from napari_phase4d.unwrapping.running import all_options, check_method, options_by_id
@@ -135,7 +141,7 @@ class Registration:
         self._begun = False
         #: Where the object is in the boundary frame.
         self._home = np.full(2, np.nan)
-        #: Phase and object of the last frame that shows one (1, angle, y, x), and its shifts.
+        #: Phase and object of the last known frame (1, angle, y, x), and its shifts.
         self._last: tuple[Phase, Mask, NDArray[np.intp]]
 
     def shifts(
@@ -160,10 +166,10 @@ class Registration:
     def _keep(
         self, wrapped: Phase, found: Mask, shifts: NDArray[np.intp], centres: NDArray[np.float64]
     ) -> None:
-        """Hold a frame, but that before it of views in which it shows no object."""
+        """Hold a frame, but that before it of views of which nothing is known in it."""
         last_wrapped, last_found, _ = self._last
-        shows = ~np.isnan(centres).any(axis=1)
-        last_wrapped[:, shows], last_found[:, shows] = wrapped[:, shows], found[:, shows]
+        known = [not says_nothing(*view) for view in zip(centres, wrapped[0], strict=True)]
+        last_wrapped[:, known], last_found[:, known] = wrapped[:, known], found[:, known]
         self._last = last_wrapped, last_found, shifts
 
     def _after_last(

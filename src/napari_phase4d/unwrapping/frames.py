@@ -40,6 +40,7 @@ __all__ = [
     "moments",
     "moved",
     "next_shift",
+    "says_nothing",
     "smooth_turns_and_levels",
     "turns_of_frame",
     "turns_past_residues",
@@ -380,13 +381,16 @@ def centre_of_mass_shifts(
         centres = np.array(found)
     t0, a0 = first
 
-    seen = last_seen(~np.isnan(centres[..., 0]), t0)
-
     def visit(now: tuple[int, int], before: tuple[int, int]) -> None:
         kept = shifts[before]
         proposed = centres[t0, a0] - centres[now]
+
         shifts[now] = next_shift(
-            proposed, kept, lambda s: likeness(wrapped, masks, now, s, before, kept)
+            proposed,
+            kept,
+            lambda s: likeness(
+                wrapped, masks, now, s, last_known(wrapped, centres, before, t0), kept
+            ),
         )
 
     for a in (*range(a0 + 1, n_angles), *range(a0 - 1, -1, -1)):
@@ -400,7 +404,7 @@ def centre_of_mass_shifts(
 
         def follow(a: int, some: list[int] = some) -> None:
             for t in some:
-                visit((t, a), (int(seen[t, a]), a))
+                visit((t, a), (t - 1 if t > t0 else t + 1, a))
 
         # Each view follows from the boundary time by itself.
         for _ in in_threads(follow, range(n_angles), watch.quiet(n_angles), wait=True):
@@ -409,21 +413,19 @@ def centre_of_mass_shifts(
     return shifts
 
 
-def last_seen(shows: NDArray[np.bool_], first: int) -> NDArray[np.intp]:
-    """Return for each time the one before it, seen from the first, at which there is an object.
+def last_known(
+    wrapped: Stack, centres: NDArray[np.float64], before: tuple[int, int], first: int
+) -> tuple[int, int]:
+    """Return a frame (time, angle), or that nearer the first time of which something is known."""
+    time, angle = before
+    while time != first and says_nothing(centres[time, angle], wrapped[time, angle]):
+        time += 1 if time < first else -1
+    return time, angle
 
-    Parameters
-    ----------
-    shows : ndarray of bool, shape (time, angle)
-        Whether there is an object. A lost frame shows none, and is like no other.
-    first : int
-        Where the times begin, to both sides; taken where there is none in between.
-    """
-    times = np.where(shows, np.arange(len(shows))[:, None], first)
-    found = np.full(shows.shape, first, dtype=np.intp)
-    found[first + 1 :] = np.maximum.accumulate(times[first:-1])
-    found[:first] = np.minimum.accumulate(times[first:0:-1])[::-1]
-    return found
+
+def says_nothing(centre: NDArray[np.float64], wrapped: NDArray[np.float32]) -> bool:
+    """Say whether nothing is known of a frame, which holds 0 then: it is like no other."""
+    return bool(np.isnan(centre).any()) and not wrapped.any()
 
 
 def next_shift(
