@@ -127,6 +127,14 @@ def ready(dock, small_video):
 
 
 @pytest.fixture
+def compared(ready: Any, qtbot: Any) -> Any:
+    """Return that dock with two results."""
+    ready.session.unwrap(["spatial-2d", "temporal-angular"])
+    let_settle(qtbot, ready)
+    return ready
+
+
+@pytest.fixture
 def canvas(qtbot: Any) -> SpectrumCanvas:
     canvas = SpectrumCanvas()
     qtbot.addWidget(canvas)

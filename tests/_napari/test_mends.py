@@ -18,13 +18,6 @@ from napari_phase4d.recording import Recording
 pytestmark = pytest.mark.gui
 
 
-@pytest.fixture
-def compared(ready: Any) -> Any:
-    """Return the dock with two results."""
-    ready.session.unwrap(["spatial-2d", "temporal-angular"])
-    return ready
-
-
 @pytest.mark.thorough
 def test_results_are_not_saved_among_frames_or_over_what_is_not_ours(
     compared: Any, tmp_path: Path, small_video: Recording

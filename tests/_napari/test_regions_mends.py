@@ -18,14 +18,6 @@ from napari_phase4d.holography import FoundLobes
 pytestmark = pytest.mark.gui
 
 
-@pytest.fixture
-def compared(ready: Any, qtbot: Any) -> Any:
-    """Return the dock with two results."""
-    ready.session.unwrap(["spatial-2d", "temporal-angular"])
-    let_settle(qtbot, ready)
-    return ready
-
-
 def square(side: float) -> np.ndarray:
     return np.array([[2, 2], [2, side], [side, side], [side, 2]], float)
 

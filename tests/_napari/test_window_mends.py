@@ -20,14 +20,6 @@ pytestmark = pytest.mark.gui
 
 
 @pytest.fixture
-def compared(ready: Any, qtbot: Any) -> Any:
-    """Return the dock with two results."""
-    ready.session.unwrap(["spatial-2d", "temporal-angular"])
-    let_settle(qtbot, ready)
-    return ready
-
-
-@pytest.fixture
 def waiting(dock: Any, qtbot: Any) -> Iterator[Callable[[], None]]:
     """Let a job run until what is returned is called."""
     go_on = threading.Event()
