@@ -8,6 +8,7 @@ import xarray as xr
 
 import napari_phase4d as p4d
 from napari_phase4d.holography import Lobe
+from napari_phase4d.holography.background import Surface
 from napari_phase4d.simulation import multiplexed_video
 
 SIDE, LOBE = 192, Lobe((0.19, 0.21), 0.09)
@@ -93,3 +94,16 @@ def test_a_reference_that_is_given_is_not_asked_for() -> None:
     ):
         with pytest.raises(ValueError, match=f"curvature can't be fitted to view 1 .*{sentence}"):
             p4d.reconstruct(rec, [LOBE], given, background="curvature")
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_beam_that_fades_is_lit_to_its_border(order: int) -> None:
+    """The dim border is the empty field there; it hangs together, as noise does not."""
+    y, x = np.mgrid[-1:1:128j, -1:1:128j]
+    slope = 5 * y - 3 * x + (4 * (y**2 + x**2) if order == 2 else 0)
+    cell = 5 * np.exp(-(y**2 + (x - 0.1) ** 2) / 0.3**2)
+    rng = np.random.default_rng(0)
+    noise = 0.003 * (rng.normal(size=y.shape) + 1j * rng.normal(size=y.shape))
+    field = np.exp(-(y**2 + x**2) / 0.5**2) * np.exp(1j * (slope + cell)) + noise
+    fit = Surface("powers", order, y.shape).fit(field.astype(np.complex64))
+    assert np.std(fit.surface - slope) < 0.12

@@ -15,7 +15,12 @@ from scipy import ndimage
 from typer.testing import CliRunner
 
 import napari_phase4d as p4d
-from napari_phase4d.analysis import cells_in, region_with_cell, summary_of_cells
+from napari_phase4d.analysis import (
+    cells_in,
+    region_with_cell,
+    summary_of_cells,
+    with_empty_field,
+)
 from napari_phase4d.cli.app import app
 from napari_phase4d.cli.options import with_settings
 from napari_phase4d.pipeline import run_batch, running, write_outcome
@@ -385,3 +390,20 @@ def test_a_mask_costs_no_mass_wherever_the_empty_field_lies(levels: list[float] 
     true = cells_in(exact, p4d.Optics()).table["dry mass (pg)"]
     assert len(table) == len(true) == exact.sizes["time"] * exact.sizes["angle"]
     np.testing.assert_allclose(table["dry mass (pg)"], true, rtol=0.02)
+
+
+@pytest.mark.parametrize("inside", [0, 10, 20])
+def test_the_empty_field_stays_where_it_is_however_steep_the_edge_of_a_mask(inside: int) -> None:
+    """A mask may end where the object is more than half a turn high."""
+    y, x = np.mgrid[:120, :120]
+    away = np.hypot(y - 60, x - 60)
+    dome = 15 * np.sqrt(np.maximum(1 - (away / 45) ** 2, 0)).astype(np.float32)
+    noise = np.random.default_rng(0).normal(0, 0.1, (3, 1, 120, 120)).astype(np.float32)
+    dims = ("time", "angle", "y", "x")
+    exact = xr.DataArray(dome + noise, dims=dims)
+    mask = away < 45 - inside
+    result = exact.where(mask, 0).assign_attrs(mask="given", boundary=[[0, 0]])
+    filled = with_empty_field(result, exact.copy(data=np.angle(np.exp(1j * exact.values))))
+    empty = away > 46
+    assert abs(np.median(filled.values[:, 0, empty], axis=1)).max() < 0.1
+    assert (filled.values[:, 0, mask] == exact.values[:, 0, mask]).all()

@@ -516,3 +516,16 @@ def test_cells_that_arrive_lose_no_frame(kind: str, first: int | None) -> None:
     lobes = [p4d.Lobe((0.2, 0.22), 0.09)]
     found = p4d.reconstruct(video, lobes, first_frames=first)
     assert found.attrs["lost_times"] == []
+
+
+@pytest.mark.parametrize("radius", [0.06, 0.1])
+def test_noise_as_strong_as_fringes_is_found_in_small_views(radius: float) -> None:
+    """Tiles hold few grains there, so that noise looks even in many of them."""
+    y, x = np.mgrid[:128, :128]
+    rng = np.random.default_rng(1)
+    carrier = 2 * np.pi * (0.2 * y + 0.22 * x)
+    frames = 120 + 60 * np.cos(carrier) + rng.normal(0, 2, (8, 128, 128))
+    strong = 30 / np.sqrt(np.pi * radius**2) * np.sqrt(4 / np.pi)
+    frames[5] = 120 + rng.normal(0, strong, (128, 128))
+    found = p4d.reconstruct(p4d.open_recording(frames), [p4d.Lobe((0.2, 0.22), radius)])
+    assert found.attrs["lost_times"] == [5]

@@ -544,3 +544,8 @@ def test_what_is_masked_of_a_mask_is_not_in_it(dtype: type) -> None:
     expected = p4d.unwrap(wrapped, "temporal", mask=~masked.mask).values
     np.testing.assert_array_equal(found, expected)
     assert not found[..., :4, :].any()
+
+
+def test_a_line_is_not_cut_at_a_map_of_which_nothing_is_known() -> None:
+    below = np.array([-5, -4, -3, np.nan, -2, -4, -5.0])  # an object thinner than its medium
+    assert pieces_between([0, 6], 7, below)[0].stop == 4

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from napari_phase4d.analysis.cell_table import NoCellsError
@@ -17,7 +19,7 @@ from napari_phase4d.optics import REFRACTION_INCREMENT_ML_PER_G, Optics
 from napari_phase4d.stack import PART_BYTES, frame_of, parts_over_time
 from napari_phase4d.stacks import AXES
 from napari_phase4d.task import CancelledCall, ProgressCall, Task, Watch
-from napari_phase4d.unwrapping import ends_along
+from napari_phase4d.unwrapping import border_medians
 from napari_phase4d.words import as_numbers, check_bool, check_number, checked_call, shown
 
 __all__ = [
@@ -29,7 +31,10 @@ __all__ = [
     "with_empty_field",
 ]
 
-TURN = 2 * np.pi
+TURN = np.float32(2 * np.pi)
+#: A level so near half a turn may lie on either side of it, radians; and of so many pixels of the
+#: empty field its level is found.
+NEAR_HALF, ENOUGH_FOR_LEVEL = 2.5, 20_000
 Image = NDArray[np.float32]
 
 
@@ -212,9 +217,9 @@ def cells_in(
 def with_empty_field(unwrapped: xr.DataArray, wrapped: xr.DataArray) -> xr.DataArray:
     """Return a result in which the empty field is there that a mask had left out.
 
-    Within half a turn of its level it needs no unwrapping; by whole turns it is brought to where
-    the result ends, frame by frame. Its noise tells how far sums are to be trusted, and what the
-    optics blur out of the mask is part of the mass.
+    Within half a turn of its level it needs no unwrapping. Levels go on from frame to frame as
+    unwrapping lets them, from the boundary frame on. The field's noise tells how far sums are to
+    be trusted, and what the optics blur out of the mask is part of the mass.
 
     Parameters
     ----------
@@ -223,11 +228,13 @@ def with_empty_field(unwrapped: xr.DataArray, wrapped: xr.DataArray) -> xr.DataA
     """
     if unwrapped.attrs.get("mask", "none") == "none":
         return unwrapped
+    field = wrapped.transpose(*unwrapped.dims).assign_coords(unwrapped.coords)
     filled: xr.DataArray = xr.apply_ufunc(
         with_field_of_frame,
         unwrapped,
-        wrapped.transpose(*unwrapped.dims).assign_coords(unwrapped.coords),
-        input_core_dims=[["y", "x"], ["y", "x"]],
+        field,
+        field_levels(unwrapped, field),
+        input_core_dims=[["y", "x"], ["y", "x"], []],
         output_core_dims=[["y", "x"]],
         vectorize=True,
         keep_attrs=True,
@@ -235,27 +242,60 @@ def with_empty_field(unwrapped: xr.DataArray, wrapped: xr.DataArray) -> xr.DataA
         dask_gufunc_kwargs={"allow_rechunk": True},
         output_dtypes=[np.float32],
     )
-    return filled.transpose(*unwrapped.dims).assign_attrs(mask="none")
+    return filled.transpose(*unwrapped.dims).assign_attrs({**unwrapped.attrs, "mask": "none"})
 
 
-def with_field_of_frame(result: Image, wrapped: Image) -> Image:
-    """Return a frame of a result with the empty field beside what was unwrapped."""
-    empty = result == 0
-    shown = wrapped[empty & np.isfinite(wrapped)]
-    if not shown.size:
-        return np.where(empty, wrapped, result)
-    mean = np.exp(1j * shown.astype(np.float64)).mean()
-    level = float(np.angle(mean) + np.median(np.angle(np.exp(1j * (shown - np.angle(mean))))))
-    field = level + np.angle(np.exp(1j * (wrapped - level)))
-    steps = []
-    for axis in (0, 1):
-        for one, other in (ends := ends_along(axis, 2), ends[::-1]):
-            edge = ~empty[one] & empty[other]
-            steps.append(result[one][edge] - field[other][edge])
-    at_edge = np.concatenate(steps)
-    at_edge = at_edge[np.isfinite(at_edge)]
-    turns = np.round(np.median(at_edge) / TURN) if at_edge.size else 0.0
-    return np.where(empty, field + TURN * turns, result).astype(np.float32)
+def with_field_of_frame(result: Image, wrapped: Image, level: float) -> Image:
+    """Return a frame of a result with the empty field of some level beside what was unwrapped."""
+    turns = np.round((wrapped - np.float32(level)) / TURN)
+    found: Image = np.where(result == 0, wrapped - TURN * turns, result)
+    return found
+
+
+def field_levels(unwrapped: xr.DataArray, wrapped: xr.DataArray) -> xr.DataArray:
+    """Return the level of the empty field of each frame, (time, angle), as a result goes on."""
+    shape = unwrapped.sizes["time"], unwrapped.sizes["angle"]
+    levels, steps = np.full(shape, np.nan), np.full(shape, np.nan)
+    for time, angle in np.ndindex(shape):
+        here = {"time": time, "angle": angle}
+        result, field = (stack.isel(here).values for stack in (unwrapped, wrapped))
+        levels[time, angle] = level_of_field(field[(result == 0) & np.isfinite(field)])
+        steps[time, angle] = step_at_edge(result, float(levels[time, angle]))
+    start, view = first = first_frame(unwrapped)
+    for order in (range(start, shape[0]), range(start, -1, -1)):
+        for before, now in pairwise(order):  # where no field is seen it stays where it was
+            levels[now] = np.where(np.isnan(levels[now]), levels[before], levels[now])
+    found = border_medians(np.nan_to_num(levels), first)
+    if abs(found[start, view]) > NEAR_HALF and np.isfinite(steps).any():
+        # On which side of half a turn the result has it, its edges tell.
+        off = np.round(np.nanmedian(steps - (found - levels)) / TURN)
+        found = found + TURN * off
+    return xr.DataArray(found, dims=("time", "angle")).assign_coords(
+        {axis: unwrapped[axis] for axis in ("time", "angle") if axis in unwrapped.coords}
+    )
+
+
+def level_of_field(field: NDArray[np.floating]) -> float:
+    """Return the level of the phase of some pixels in radians, NaN if there are none."""
+    some = field[:: 1 + field.size // ENOUGH_FOR_LEVEL].astype(np.float64)
+    if not some.size:
+        return math.nan
+    mean = float(np.angle(np.exp(1j * some).mean()))
+    return mean + float(np.median(np.angle(np.exp(1j * (some - mean)))))
+
+
+def step_at_edge(result: Image, level: float) -> float:
+    """Return by how much the edge of what was unwrapped lies above a level, NaN without any."""
+    inside = result != 0
+    edge = inside & ~scipy.ndimage.binary_erosion(inside, border_value=1) & np.isfinite(result)
+    return float(np.median(result[edge])) - level if edge.any() else math.nan
+
+
+def first_frame(unwrapped: xr.DataArray) -> tuple[int, int]:
+    """Return the frame (time, angle) that a result goes on from, as it notes."""
+    noted = unwrapped.attrs.get("boundary") or [(0, 0)]
+    time, angle = (int(index) for index in noted[0])
+    return time % unwrapped.sizes["time"], angle % unwrapped.sizes["angle"]
 
 
 #: Columns of the summary that are medians over the frames of a cell.

@@ -144,7 +144,9 @@ def without_fields(recipe: Recipe) -> Recipe:
 
 
 def is_phase(recipe: Recipe) -> bool:
-    """Say whether the recording of a recipe is wrapped phase."""
+    """Say whether the recording of a recipe is wrapped phase, by what it says or holds."""
+    if recipe.content != "auto":
+        return recipe.content == "phase"
     if is_sample(recipe.recording):
         return isinstance(open_by(recipe), xr.DataArray)
     return holds_phase(recipe.recording, recipe.dataset)

@@ -426,7 +426,10 @@ def mean_of_frames(rec: Recording, demodulate: Demodulator, task: Task) -> Field
 
 def aligned_average(each: Iterator[Fields]) -> Fields:
     """Return the mean over frames of every view, in line with the first; say if it is weak."""
-    first = next(each)
+    first = next(each, None)
+    if first is None:
+        msg = "every frame of the reference is lost; record it again"
+        raise ValueError(msg)
     tilt = FrameTilt((first.shape[1], first.shape[2]))
     total, sizes, count = first.astype(np.complex128), np.abs(first).astype(np.float64), 1
     for fields in each:

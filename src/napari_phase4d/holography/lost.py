@@ -46,8 +46,8 @@ WEAK, STRONG, BAD_TILES, COLLAPSED = 0.04, 10.0, 0.15, 0.06
 APART, LINES = 3, 64
 #: ... and a tile is noise if it is so much less alike than usual; so is the frame, if most are.
 INCOHERENT, NOISE = 0.3, 0.4
-#: ... but only if its amplitude varies more than this, as noise's does (pi/4; that of dense layers
-#: of steep cells is 0.87 and more), or its fringes have less than this share of their usual power.
+#: ... but only if the amplitude of such tiles varies more than this, as noise's does (pi/4; that
+#: of dense layers of steep cells is 0.87 and more), or has less than this share of its power.
 EVEN, AS_STRONG = 0.85, 0.5
 #: Noise is less alike to itself than this whatever others show (it measures 0.3 in small fields,
 #: 0.05 in large ones; weak fringes in noise 0.5 and more).
@@ -240,10 +240,12 @@ class Fringes:
         if said == WITHOUT_FRINGES:  # asked first, as noise in a narrow lobe hangs together, too
             return said
         likely = np.maximum(usual.coherence[view][lit], TINY)
-        # So do the slopes of cells where none were before; but their fringes are as strong as
-        # usual, and as even.
-        noise = (self.evenness[view][lit] < EVEN) | (power < AS_STRONG * usually)
-        alike = np.where(noise, self.coherence[view][lit] / likely, 1.0)
+        alike = self.coherence[view][lit] / likely
+        unlike = alike < NOISE
+        if unlike.any() and slopes(
+            power[unlike] / usually[unlike], self.evenness[view][lit][unlike]
+        ):
+            alike[unlike] = 1.0
         # Where the least is not below a limit, no median is, which takes longest of all.
         if alike.min() < NOISE and float(np.median(alike)) < NOISE:
             return WITHOUT_FRINGES
@@ -296,6 +298,21 @@ def difference(relative: Tiles) -> str:
     # Stronger as a whole is a brighter beam.
     bad = (relative < WEAK) | (relative > STRONG * max(1.0, middle))
     return "damaged" if float(bad.mean()) > BAD_TILES else ""
+
+
+def slopes(power: Tiles, evenness: Tiles) -> bool:
+    """Say whether tiles are no noise that are less alike to themselves than usual.
+
+    Where cells arrive, slopes make them so; but their fringes are as strong as usual, and as even.
+    All tiles are asked together: small ones hold few grains of what varies as speckle does.
+
+    Parameters
+    ----------
+    power, evenness : ndarray of shape (tile,)
+        Of each, power as a share of the usual one, and see `Fringes`.
+    """
+    even = float(np.sqrt(power).mean() ** 2 / (power / evenness).mean())
+    return even >= EVEN and float(np.median(power)) >= AS_STRONG
 
 
 def fringes_of(some: NDArray[np.generic], fields: NDArray[np.complex64]) -> Fringes:

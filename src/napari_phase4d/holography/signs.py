@@ -27,7 +27,7 @@ from napari_phase4d.holography.background import Surface
 from napari_phase4d.holography.demodulation import Demodulator
 from napari_phase4d.holography.emptyfield import wrapped
 from napari_phase4d.holography.lobes import Lobe
-from napari_phase4d.holography.surfaces import DARK_SHARE, bright_level, lit_part
+from napari_phase4d.holography.surfaces import lit_part, lit_pixels
 
 __all__ = ["evidence_of", "sign_doubts", "sign_evidence", "together"]
 
@@ -96,7 +96,8 @@ def evidence_of(field: Field) -> float:
     inner = (slice(edge, -edge), slice(edge, -edge))
     # Where there are no fringes the phase is noise, and may lie far off on either side.
     seen = np.zeros(flat.shape, dtype=bool)
-    seen[inner] = np.abs(field[inner]) > DARK_SHARE * bright_level(np.abs(field))
+    part = lit_part(field)
+    seen[inner] = lit_pixels(field, part)[inner]
     phase = skimage.restoration.unwrap_phase(np.ma.masked_array(np.angle(flat), ~seen))
     phase = np.asarray(phase[seen])
     deviation = phase - np.median(phase)
@@ -107,7 +108,7 @@ def evidence_of(field: Field) -> float:
         return 0.0
     skewness = float(np.mean(deviation**3)) / scale**3
     small = SKEWNESS * float(np.clip(skewness, -MOST_SKEWNESS, MOST_SKEWNESS))
-    lit = lit_part(field)[inner]
+    lit = part[inner]
     small += FLAT_HEIGHT * float(np.arcsinh(2 * height_over_border(flat[inner], lit).radians))
     height = height_over_border(field[inner], lit)
     large = HEIGHT * float(np.arcsinh(2 * height.radians))
@@ -160,7 +161,9 @@ def height_over_border(field: Field, lit: NDArray[np.bool_]) -> Height:
     unwrapped = scipy.fft.idctn(
         scipy.fft.dctn(divergence, norm="ortho") / eigenvalues, norm="ortho"
     )
-    border = lit & ~scipy.ndimage.binary_erosion(lit, iterations=BORDER)
+    # A dark object has no border of the view.
+    whole = scipy.ndimage.binary_fill_holes(lit)
+    border = lit & ~scipy.ndimage.binary_erosion(whole, iterations=BORDER)
     low, middle, high = np.quantile(unwrapped[border], (0.25, 0.5, 0.75))
     height = float(unwrapped[lit].mean() - middle)
     out = (unwrapped - middle) * np.sign(height)

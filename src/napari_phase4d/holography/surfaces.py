@@ -34,6 +34,7 @@ __all__ = [
     "bright_level",
     "curved_starts",
     "lit_part",
+    "lit_pixels",
     "may_be_the_object",
     "reached",
     "refined",
@@ -56,6 +57,9 @@ DARK_SHARE = 0.3
 MOSTLY_DARK, BRIGHT = 0.5, 0.9
 #: Whether a part is lit is told by the mean over so many pixels a side: a rim is no dark part.
 LIT_PIXELS = 5
+#: Light that is dim hangs together: the phase is more alike than this to itself so many pixels on
+#: at either side, over a window of so many a side.
+ALIKE, APART, WINDOW = 0.8, 2, 11
 #: Beyond this distance, as a share of the largest, the level of the empty field is looked for.
 OUTER = 0.6
 #: A pixel is explained if it lies within so many radians of the surface.
@@ -115,13 +119,37 @@ def bright_level(size: NDArray[np.floating]) -> float:
 def lit_part(field: NDArray[np.complexfloating]) -> Mask:
     """Mark the parts of a field (y, x) that have light; elsewhere its phase is noise.
 
-    Single dark pixels, as at the rim of an object, are in lit parts. All of a field without any
-    light is marked.
+    Single dark pixels, as at the rim of an object, are in lit parts, and so is what is dim but
+    hangs together, as the border of a beam that fades. All of a field without any light is marked.
     """
     size = np.abs(field)
     dark = DARK_SHARE * bright_level(size)
     found: Mask = scipy.ndimage.uniform_filter(size, LIT_PIXELS) > dark
+    if not found.all():
+        found |= alike(field) > ALIKE
     return found if found.any() else np.ones_like(found)
+
+
+def lit_pixels(field: NDArray[np.complexfloating], part: Mask) -> Mask:
+    """Mark the single pixels of a field (y, x) that have light, by the parts that have."""
+    size = np.abs(field)
+    in_part = part & (size > DARK_SHARE * float(np.median(size)))
+    found: Mask = in_part | (size > DARK_SHARE * bright_level(size))
+    return found
+
+
+def alike(field: NDArray[np.complexfloating]) -> Array:
+    """Return how alike phase round each pixel is to itself some pixels on, 0 for noise to 1."""
+    unit = field / np.maximum(np.abs(field), np.finfo(np.float32).tiny)
+    found = np.ones(field.shape)
+    for axis in (0, 1):
+        # Of those on both sides, so that mirrored fields have mirrored marks.
+        step = np.roll(unit, APART, axis) * np.roll(unit, -APART, axis).conj()
+        real, imaginary = (
+            scipy.ndimage.uniform_filter(part, WINDOW) for part in (step.real, step.imag)
+        )
+        found = np.minimum(found, np.hypot(real, imaginary))
+    return found
 
 
 class Look:
@@ -148,9 +176,8 @@ class Look:
         self.step = step or max(1, math.isqrt(mean.size // LOOK_PIXELS))
         seen = mean[:: self.step, :: self.step]
         self.phase: Array = np.angle(seen).astype(np.float64)
-        size = np.abs(seen)
-        self.lit: Mask = size > DARK_SHARE * bright_level(size)
-        self._part = lit_part(seen)
+        self._part = lit_part(mean)[:: self.step, :: self.step]
+        self.lit: Mask = lit_pixels(seen, self._part)
         rows, columns = (np.arange(0, n, self.step) for n in mean.shape)
         to_border = np.minimum.outer(
             *(np.minimum(i, n - 1 - i) for i, n in zip((rows, columns), mean.shape, strict=True))

@@ -93,7 +93,8 @@ def pieces_between(
         if profile is None:
             cuts.append((a + b) // 2 + 1)
         else:
-            thickest = np.argmax(np.nan_to_num(profile[a + 1 : b + 1]))
+            known = np.where(np.isnan(profile), -np.inf, profile)
+            thickest = np.argmax(known[a + 1 : b + 1])
             cuts.append(a + 1 + int(thickest) if b > a + 1 else b)
     cuts.append(n)
     return [
