@@ -172,3 +172,77 @@ def test_with_the_circles_what_is_said_of_them_comes_back(in_doubt: Any) -> None
     assert "This is the other choice" in step.doubts()[0]
     step.take_other()
     assert list(step.doubts()) == before
+
+
+def choose_labels(dock: Any, viewer: Any, click: Callable[[str], None]) -> Any:
+    """Return a layer of labels that was painted in and then measured."""
+    shape = dock.session.reconstruction["phase"].shape
+    layer = viewer.add_labels(np.ones(shape[2:], int), name="mine")
+    layer.paint((3, 3), 2)
+    dock.compare.measuring.regions.value = layer
+    click("measure")
+    assert dock.session.measured is not None
+    return layer
+
+
+@pytest.mark.parametrize("how", ["paint", "undo", "data", "name"])
+def test_what_was_measured_of_labels_goes_when_they_change(
+    compared: Any, viewer: Any, click: Callable[[str], None], how: str
+) -> None:
+    layer = choose_labels(compared, viewer, click)
+    compared.presenter.go_to(1, 1)
+    layer.refresh()
+    assert compared.session.measured is not None
+    if how == "paint":
+        layer.paint((9, 9), 3)
+    elif how == "undo":
+        layer.undo()
+    elif how == "data":
+        layer.data = layer.data * 2
+    else:
+        layer.name = "other"
+    assert (compared.session.measured is None) == (how != "name")
+    if how == "undo":  # measured again, it goes with what is done again
+        click("measure")
+        layer.redo()
+        assert compared.session.measured is None
+
+
+def test_the_table_of_the_object_stays_when_a_region_is_drawn(
+    compared: Any, click: Callable[[str], None]
+) -> None:
+    part = compared.compare.measuring
+    click("measure")
+    compared.presenter.add_regions().add_polygons(square(8))
+    assert compared.session.measured is not None
+    assert part.table.rowCount()
+    assert part.regions.value == "the object"
+
+
+def test_a_region_that_is_drawn_while_the_object_is_measured_does_not_stop_it(
+    compared: Any, qtbot: Any
+) -> None:
+    part = compared.compare.measuring
+    part.measure()
+    compared.presenter.add_regions().add_polygons(square(8))
+    let_settle(qtbot, compared)
+    assert compared.session.measured is not None
+    assert part.regions.value == "the object"
+
+
+def test_regions_that_are_renamed_stay_chosen_with_their_table(
+    measured: tuple[Any, Any], viewer: Any
+) -> None:
+    dock, regions = measured
+    part = dock.compare.measuring
+    said: list[str] = []
+    part.plot.message = said.append
+    regions.name = "renamed"
+    dock.reset_choices()
+    assert part.regions.value == regions
+    assert part.regions.current_choice == "renamed"
+    assert dock.session.measured is not None
+    assert not said
+    viewer.layers.remove(regions)
+    assert part.regions.value == "the object"
+    assert "was removed" in said[-1]

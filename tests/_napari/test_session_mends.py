@@ -121,3 +121,15 @@ def test_the_time_of_a_run_is_that_of_what_is_ticked(ready: Session) -> None:
         assert ready.estimate is not None
         ready.update(**change)
         assert ready.estimate is None
+
+
+def test_a_refused_opening_leaves_what_was_brought_as_it_was(ready: Session) -> None:
+    phase = ready.reconstruction["phase"]
+    session = Session()
+    session.set_phase(phase, recipe=p4d.Recipe(confidence=True, storage="memory"))
+    before = session.recipe
+    with pytest.raises(ValueError, match="99"):
+        session.set_phase(phase, recipe=p4d.Recipe(boundary=((99, 0),), first_frames=2))
+    assert session.recipe == before
+    session.set_phase(phase)
+    assert hidden(session) == (None, False, "auto")

@@ -144,3 +144,40 @@ def test_a_cancelled_figure_is_not_written(compared: Any, tmp_path: Path, qtbot:
     let_settle(qtbot, compared)
     qtbot.waitUntil(lambda: not compared.jobs.busy, timeout=60_000)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_truth_that_is_renamed_is_followed(compared: Any, viewer: Any, qtbot: Any) -> None:
+    session, field = compared.session, compared.compare.truth
+    truth = np.zeros(session.reconstruction["phase"].shape, np.float32)
+    exact = viewer.add_image(truth, name="my truth", visible=False)
+    field.value = exact
+    let_settle(qtbot, compared)
+    exact.name = "renamed"
+    compared.reset_choices()
+    assert field.value == exact
+    assert field.current_choice == "renamed"
+    assert session.truth is not None
+    exact.name = "once more"
+    viewer.layers.remove(exact)
+    assert session.truth is None
+    assert field.value == "none"
+
+
+def test_a_difference_that_was_refused_is_not_shown_as_chosen(
+    compared: Any, viewer: Any, waiting: Any, qtbot: Any
+) -> None:
+    field = compared.compare.difference
+    before, other = field.choices[:2]
+    assert field.value == before
+    ends = waiting()
+    field.value = other
+    assert "another job is still running" in compared.status.text()
+    assert field.value == before
+    ends()
+    field.value = other
+    let_settle(qtbot, compared)
+    assert field.value == other
+    field.value = before
+    compared.jobs.cancel()
+    let_settle(qtbot, compared)
+    assert field.value == other

@@ -54,6 +54,13 @@ class Brought:
             plain["cells"] = replace(recipe.cells, **cells)
         return recipe.changed(**plain, options={m: own for m, own in options.items() if own})
 
+    def begin(self, before: Recipe, given: Recipe | None) -> None:
+        """Begin anew; note what a recipe that is given, if any, changes of the user's own."""
+        own = self.without(before)
+        self.forget()
+        if given is not None:
+            self.take(own, given)
+
     def forget(self) -> None:
         """Let all that is set now be the user's own."""
         self._theirs, self._before = {}, {}

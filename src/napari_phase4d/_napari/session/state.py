@@ -276,7 +276,7 @@ class State:
             }
         else:
             settings["lobes"] = tuple(lobes_of(recipe))
-        self._begin(recording, truth, self._begun_with(recipe).changed(**settings))
+        self._begin(recording, truth, self._begun_with(recipe).changed(**settings), recipe)
 
     def set_phase(
         self,
@@ -322,7 +322,7 @@ class State:
         new = self._begun_with(recipe).changed(**settings)
         if new.boundary != "auto":
             new = new.changed(boundary=checked_frames(new.boundary, phase.shape[:2]))
-        self._begin(None, None, new)
+        self._begin(None, None, new, recipe)
         if phase.chunks is not None:  # phase on disk may be larger than memory
             modest = [m for m in self.recipe.methods if METHODS[m].streams]
             self.leave_place(find_place(self.recipe, phase_needs(modest, phase.shape)))
@@ -338,15 +338,17 @@ class State:
 
     def _begun_with(self, recipe: Recipe | None) -> Recipe:
         """Return the settings to begin with; what an earlier recipe has set unseen is gone."""
-        own = self.brought.without(self.recipe)
-        self.brought.forget()
-        if recipe is None:
-            return own
-        self.brought.take(own, recipe)
-        return recipe
+        return self.brought.without(self.recipe) if recipe is None else recipe
 
-    def _begin(self, recording: Recording | None, truth: TruthCall | None, recipe: Recipe) -> None:
-        """Forget what belonged to an earlier recording."""
+    def _begin(
+        self,
+        recording: Recording | None,
+        truth: TruthCall | None,
+        recipe: Recipe,
+        given: Recipe | None,
+    ) -> None:
+        """Forget what was before; what the recipe that was given sets unseen ends with it."""
+        self.brought.begin(self.recipe, given)
         self.recording = recording
         self.recipe = recipe
         self.spectrum = self.focus = self.found = None

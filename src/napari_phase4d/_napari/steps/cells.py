@@ -197,8 +197,7 @@ class CellsPart(Step):
 
     def reset_choices(self) -> None:
         """Look for layers again."""
-        with self.own_change():
-            self.source.reset_choices()
+        self.look_again(self.source)
         self._name_button()
 
     def _name_button(self) -> None:

@@ -207,7 +207,9 @@ class CompareStep(Step):
                 tooltip="What Difference takes off every result.",
             )
         )
-        self.when_changed(self.difference, self.show_difference)
+        #: What was taken off last.
+        self._less = NO_REFERENCE
+        self.when_chosen(self.difference, self.show_difference, self._show_less)
         self.truth = self.watched(
             ComboBox(
                 name="truth",
@@ -218,8 +220,7 @@ class CompareStep(Step):
         )
         #: The layer that was chosen last, and the exact phase that was made of it.
         self._taken: tuple[Any, xr.DataArray | None] = (NONE, None)
-        self.when_changed(self.truth, self._choose_truth)
-        self.jobs.idle.connect(lambda _: self._show_truth())  # as after one that was cancelled
+        self.when_chosen(self.truth, self._take_truth, self._show_truth)
         self.column.addLayout(
             self.row(self.difference.native, self.label("Truth"), self.truth.native)
         )
@@ -263,9 +264,8 @@ class CompareStep(Step):
 
     def reset_choices(self) -> None:
         """Look for layers again."""
-        chosen = self.truth.value
-        with self.own_change():
-            self.truth.reset_choices()
+        chosen = self._taken[0] if self._counts_taken() else self.truth.value
+        self.look_again(self.truth)
         gone = chosen not in (NONE, KNOWN) and chosen not in self.presenter.viewer.layers
         if gone and self.session.truth is not None:
             self.session.set_truth(None)
@@ -319,7 +319,18 @@ class CompareStep(Step):
         chosen = self.difference.value
         words = f"Each result {chosen}, in radians: dark is 0, half the scale a cycle."
         plan = self.presenter.plan_difference(self._references()[chosen])
-        self.jobs.start(plan, then=lambda: self.said.emit(words))
+
+        def receive(made: Any) -> None:
+            plan.receive(made)
+            self._less = chosen
+
+        self.jobs.start(replace(plan, receive=receive), then=lambda: self.said.emit(words))
+
+    def _show_less(self) -> None:
+        """Let that be chosen which was taken off last."""
+        if self._less in self.difference.choices:
+            with self.own_change():
+                self.difference.value = self._less
 
     def _references(self) -> dict[str, str]:
         """Return what differences can be taken to: words on screen -> method id."""
@@ -366,23 +377,20 @@ class CompareStep(Step):
         else:
             self.jobs.start(replace(plan, receive=receive))
 
-    def _choose_truth(self) -> None:
-        """Count errors against the chosen layer; one that is refused is not shown as chosen."""
-        try:
-            self._take_truth()
-        except Exception:
-            self._show_truth()
-            raise
+    def _counts_taken(self) -> bool:
+        """Say whether errors are counted against the exact phase that was taken last."""
+        truth, taken = self.session.truth, self._taken[1]
+        return truth is not None and taken is not None and taken.data is truth.data
 
     def _show_truth(self) -> None:
         """Show what errors are counted against."""
-        truth, (layer, taken) = self.session.truth, self._taken
+        truth, layer = self.session.truth, self._taken[0]
         choices = self.truth.choices
         if truth is None:
             shown: Any = NONE
         elif self.session.known_truth is truth:
             shown = KNOWN
-        elif taken is not None and taken.data is truth.data:
+        elif self._counts_taken():
             shown = layer
         else:
             layers = (la for la in choices if la not in (NONE, KNOWN))
@@ -397,7 +405,8 @@ class CompareStep(Step):
             self.difference.choices = references or [NO_REFERENCE]
             if before in references:
                 self.difference.value = before
-            self.truth.reset_choices()
+            self._less = self.difference.value
+        self.look_again(self.truth)
         self._show_truth()
 
     def words_on_confidence(self) -> str:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 from magicgui.widgets import CheckBox, ComboBox
-from napari.layers import Labels, Shapes
+from napari.layers import Shapes
 from numpy.typing import NDArray
 from qtpy.QtCore import QTimer
 from qtpy.QtWidgets import QFileDialog
@@ -25,6 +25,7 @@ from napari_phase4d._napari.session import (
 )
 from napari_phase4d._napari.steps.step import Step, in_grid, increment_field, index_field
 from napari_phase4d._napari.viewing.pointing import (
+    LabelsWatch,
     frames_of_regions,
     is_region_layer,
     newest_region,
@@ -350,8 +351,9 @@ class MeasurePart(Step):
         """Make the widgets."""
         #: Counts what has changed what would be measured.
         self._changes = 0
-        #: Layers of labels that were measured; painting in them is heard of.
-        self._heard: list[Labels] = []
+        #: What was measured last: a layer or the object, None if another panel did it.
+        self._of: Any = None
+        self._labels = LabelsWatch(self._labels_changed)
         self._build_choices()
         self.go = self.button(
             "Measure", "measure", "Table and plot of every region over time.", self.measure
@@ -427,11 +429,8 @@ class MeasurePart(Step):
 
     def reset_choices(self) -> None:
         """Look for layers again."""
-        before = self.regions.value
-        with self.own_change():
-            self.regions.reset_choices()
-        if self.regions.value != before:  # it was removed
-            self._outdate()
+        if not self.look_again(self.regions):
+            self._outdate("The layer that was to be measured was removed")
 
     def _new_recording(self) -> None:
         """Measure the whole object again: regions of another recording lie elsewhere."""
@@ -440,14 +439,16 @@ class MeasurePart(Step):
         self._show_results()
 
     def region_drawn(self, layer: Any, changed: Sequence[int] = ()) -> None:
-        """Measure the layer in which a region was drawn, unless another one was chosen."""
+        """Choose the layer in which a region was drawn, unless there is a table or a choice."""
         if self.session.reconstruction is not None:
             note_frame(layer, self.presenter.current_frame(), changed)
         self.reset_choices()
-        if self.regions.value == layer:
+        if self._of in (None, layer):
             self._outdate()
-        if self.regions.value == OBJECT and layer in self.regions.choices:
-            self.regions.value = layer
+        free = self.regions.value == OBJECT and self.session.measured is None
+        if free and layer in self.regions.choices:
+            with self.own_change():
+                self.regions.value = layer
 
     def frame_changed(self) -> None:
         """Show the curve at the angle on screen."""
@@ -466,33 +467,31 @@ class MeasurePart(Step):
             object_index=None if self.index.value <= 1 else self.index.value,
             refraction_increment_ml_per_g=self.increment.value,
         )
-        changes = self._changes
+        changes, regions = self._changes, self.regions.value
 
         def receive(measured: pd.DataFrame) -> None:
             if self._changes != changes:
                 raise Changed
             plan.receive(measured)
+            with self.own_change():  # a region may have been drawn meanwhile
+                self.regions.value = regions
 
         self.jobs.start(replace(plan, receive=receive), then=self._tell)
-        self._hear_of_painting(self.regions.value)
+        self._of = regions
+        self._labels.note(regions)
 
-    def _hear_of_painting(self, layer: Any) -> None:
-        """Take what was measured of labels for old once something is painted in them."""
-        if isinstance(layer, Labels) and not any(layer is known for known in self._heard):
-            layer.events.paint.connect(self._painted)
-            self._heard.append(layer)
-
-    def _painted(self, event: Any) -> None:
-        if self.presenter.listens and self.regions.value == event.source:
+    def _labels_changed(self) -> None:
+        if self.presenter.listens:
             self._outdate()
 
-    def _outdate(self) -> None:
+    def _outdate(self, why: str = "What is to be measured has changed") -> None:
         """Take away what was measured: region or result have changed, and it is not theirs."""
         self._changes += 1
+        self._labels.stop()
         if self.session.measured is not None:
             self.session.measured = None
             self.table.clear_rows()
-            self.plot.message("What is to be measured has changed; press Measure again.")
+            self.plot.message(f"{why}; press Measure again.")
 
     def _tell(self) -> None:
         words = "The curves follow the angle on screen."

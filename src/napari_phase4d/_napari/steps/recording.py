@@ -235,8 +235,7 @@ class RecordingStep(Step):
     def reset_choices(self) -> None:
         """Look for layers again, and say that one may be taken while there is nothing else."""
         before = list(self.layer.choices)
-        with self.own_change():
-            self.layer.reset_choices()
+        self.look_again(self.layer)
         session = self.session
         new = [la for la in self.layer.choices if la is not None and la not in before]
         if new and session.recording is None and session.reconstruction is None:

@@ -173,6 +173,19 @@ class Step(QWidget):  # type: ignore[misc]
         finally:
             self.filling = before
 
+    def look_again(self, widget: Any) -> bool:
+        """Look again for the layers that a magicgui widget offers; say if its choice is there.
+
+        A layer that was renamed stays chosen.
+        """
+        chosen = widget.value
+        with self.own_change():
+            widget.reset_choices()
+            there = chosen in widget.choices
+            if there:
+                widget.value = chosen
+        return there
+
     def when_changed(self, widget: Any, action: Callable[[], None]) -> None:
         """Run an action when the user changes a magicgui widget."""
 
@@ -181,6 +194,21 @@ class Step(QWidget):  # type: ignore[misc]
                 self.guarded(action)
 
         widget.changed.connect(changed)
+
+    def when_chosen(
+        self, widget: Any, action: Callable[[], None], put_back: Callable[[], None]
+    ) -> None:
+        """Run an action as `when_changed`; a choice that is refused or cancelled is put back."""
+
+        def choose() -> None:
+            try:
+                action()
+            except Exception:
+                put_back()
+                raise
+
+        self.when_changed(widget, choose)
+        self.jobs.idle.connect(lambda _: put_back())
 
     def guarded(self, action: Callable[[], Any], pressed: QWidget | None = None) -> None:
         """Run an action; what it shows comes up in steps, a wrong input becomes one sentence.

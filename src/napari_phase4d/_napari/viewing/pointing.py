@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
+from zlib import crc32
 
 import numpy as np
 from napari.layers import Labels, Shapes
@@ -17,6 +18,7 @@ from napari_phase4d.later import pd, xr
 
 __all__ = [
     "Following",
+    "LabelsWatch",
     "current_frame",
     "frames_of_regions",
     "go_to_frame",
@@ -132,6 +134,55 @@ class Watched:
 def copied_corners(layer: Shapes) -> list[NDArray[np.float64]]:
     """Return the corners of all shapes of a layer, which may change them where they lie."""
     return [np.array(corners, dtype=np.float64) for corners in layer.data]
+
+
+class LabelsWatch:
+    """Tells when a layer holds other labels than were noted: painted, undone or given anew.
+
+    Parameters
+    ----------
+    changed : callable
+        Is called once after each note.
+    """
+
+    def __init__(self, changed: Callable[[], None]) -> None:
+        self._changed = changed
+        self._noted: tuple[Any, Any] | None = None
+
+    def note(self, layer: Any) -> None:
+        """Watch a layer as it is now, and no other; one without labels does not matter."""
+        self.stop()
+        if isinstance(layer, Labels):
+            self._noted = layer, mark_of_labels(layer)
+            layer.events.paint.connect(self._tell)
+            # After undo and redo, napari tells of no more than that something is shown anew.
+            layer.events.set_data.connect(self._compare)
+            layer.events.data.connect(self._compare)
+
+    def stop(self) -> None:
+        """Watch nothing."""
+        if self._noted is not None:
+            events = self._noted[0].events
+            events.paint.disconnect(self._tell)
+            events.set_data.disconnect(self._compare)
+            events.data.disconnect(self._compare)
+            self._noted = None
+
+    def _compare(self, event: Any = None) -> None:
+        if self._noted is not None and mark_of_labels(self._noted[0]) != self._noted[1]:
+            self._tell()
+
+    def _tell(self, event: Any = None) -> None:
+        self.stop()
+        self._changed()
+
+
+def mark_of_labels(layer: Labels) -> object:
+    """Return what is another if the labels are others; of those on disk, which stack it is."""
+    data = layer.data
+    if isinstance(data, np.ndarray):
+        return data.shape, data.dtype.str, crc32(np.ascontiguousarray(data).data)
+    return id(getattr(data, "__wrapped__", data))  # napari may hand out a new proxy each time
 
 
 def current_frame(viewer: Any, stack: xr.DataArray) -> tuple[int, int]:
