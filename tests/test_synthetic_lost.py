@@ -101,6 +101,7 @@ def test_of_three_wavelengths_two_are_enough(kind: str, beat: str) -> None:
 
 
 @pytest.mark.thorough
+@pytest.mark.filterwarnings("ignore:.*nothing but noise:UserWarning")
 @pytest.mark.parametrize("beat", BEATS)
 def test_a_wavelength_that_is_lost_everywhere_leaves_the_other(beat: str) -> None:
     """There is no beat in any frame; each is unwrapped by itself, and nothing is trusted."""

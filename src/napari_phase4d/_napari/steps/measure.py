@@ -443,12 +443,17 @@ class MeasurePart(Step):
         if self.session.reconstruction is not None:
             note_frame(layer, self.presenter.current_frame(), changed)
         self.reset_choices()
-        if self._of in (None, layer):
+        if self._of == layer or (self._of is None and not self._is_of_the_object()):
             self._outdate()
         free = self.regions.value == OBJECT and self.session.measured is None
         if free and layer in self.regions.choices:
             with self.own_change():
                 self.regions.value = layer
+
+    def _is_of_the_object(self) -> bool:
+        """Say whether a script, or a panel that is closed, has measured the whole object."""
+        measured = self.session.measured
+        return measured is not None and set(measured["region"]) == {"object"}
 
     def frame_changed(self) -> None:
         """Show the curve at the angle on screen."""
