@@ -216,7 +216,7 @@ class Surface:
 
         Last, whether they may be the object's.
         """
-        look = Look(mean)
+        look = Look(mean, lit=lit)
         terms = self.terms_seen(look.step)
         starts = self._curved(unit, lit, look.step)
         found, best, off = self._most_explaining(mean, starts, first, look, check)

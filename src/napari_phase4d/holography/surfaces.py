@@ -161,6 +161,8 @@ class Look:
         The field.
     step : int, optional
         Every so-manieth row and column is looked at; by default about 4000 pixels.
+    lit : ndarray of bool, shape (y, x), optional
+        What `lit_part` gives for the field, where it is known already.
 
     Attributes
     ----------
@@ -172,11 +174,14 @@ class Look:
         The lit pixels far from the middle.
     """
 
-    def __init__(self, mean: NDArray[np.complex64], step: int | None = None) -> None:
+    def __init__(
+        self, mean: NDArray[np.complex64], step: int | None = None, lit: Mask | None = None
+    ) -> None:
         self.step = step or max(1, math.isqrt(mean.size // LOOK_PIXELS))
         seen = mean[:: self.step, :: self.step]
         self.phase: Array = np.angle(seen).astype(np.float64)
-        self._part = lit_part(mean)[:: self.step, :: self.step]
+        lit = lit_part(mean) if lit is None else lit
+        self._part = lit[:: self.step, :: self.step]
         self.lit: Mask = lit_pixels(seen, self._part)
         rows, columns = (np.arange(0, n, self.step) for n in mean.shape)
         to_border = np.minimum.outer(
