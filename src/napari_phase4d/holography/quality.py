@@ -17,6 +17,7 @@ from napari_phase4d.stacks import AXES
 from napari_phase4d.words import counted
 
 __all__ = [
+    "alike_around",
     "empty_advice",
     "fringe_advice",
     "fringe_contrast",

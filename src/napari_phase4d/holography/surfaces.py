@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from napari_phase4d.holography.aberrations import terms_at
 from napari_phase4d.holography.emptyfield import fitted, joined_to_the_border, mode_phase, wrapped
+from napari_phase4d.holography.quality import alike_around
 
 __all__ = [
     "DARK_SHARE",
@@ -57,9 +58,8 @@ DARK_SHARE = 0.3
 MOSTLY_DARK, BRIGHT = 0.5, 0.9
 #: Whether a part is lit is told by the mean over so many pixels a side: a rim is no dark part.
 LIT_PIXELS = 5
-#: Light that is dim hangs together: the phase is more alike than this to itself so many pixels on
-#: at either side, over a window of so many a side.
-ALIKE, APART, WINDOW = 0.8, 2, 11
+#: Light that is dim hangs together: its phase is more alike to itself some pixels on than this.
+ALIKE = 0.8
 #: Beyond this distance, as a share of the largest, the level of the empty field is looked for.
 OUTER = 0.6
 #: A pixel is explained if it lies within so many radians of the surface.
@@ -126,7 +126,7 @@ def lit_part(field: NDArray[np.complexfloating]) -> Mask:
     dark = DARK_SHARE * bright_level(size)
     found: Mask = scipy.ndimage.uniform_filter(size, LIT_PIXELS) > dark
     if not found.all():
-        found |= alike(field) > ALIKE
+        found |= phase_alike(field) > ALIKE
     return found if found.any() else np.ones_like(found)
 
 
@@ -138,18 +138,10 @@ def lit_pixels(field: NDArray[np.complexfloating], part: Mask) -> Mask:
     return found
 
 
-def alike(field: NDArray[np.complexfloating]) -> Array:
-    """Return how alike phase round each pixel is to itself some pixels on, 0 for noise to 1."""
-    unit = field / np.maximum(np.abs(field), np.finfo(np.float32).tiny)
-    found = np.ones(field.shape)
-    for axis in (0, 1):
-        # Of those on both sides, so that mirrored fields have mirrored marks.
-        step = np.roll(unit, APART, axis) * np.roll(unit, -APART, axis).conj()
-        real, imaginary = (
-            scipy.ndimage.uniform_filter(part, WINDOW) for part in (step.real, step.imag)
-        )
-        found = np.minimum(found, np.hypot(real, imaginary))
-    return found
+def phase_alike(field: NDArray[np.complexfloating]) -> NDArray[np.float32]:
+    """Return how alike the phase round every pixel is to itself some pixels on, however dim."""
+    size = np.maximum(np.abs(field), np.finfo(np.float32).tiny)
+    return alike_around(field / size, np.ones(field.shape, np.float32))
 
 
 class Look:
