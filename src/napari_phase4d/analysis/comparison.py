@@ -8,18 +8,18 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, TypeVar
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from napari_phase4d.analysis.balance import MISSING_MASS
 from napari_phase4d.analysis.confidence import (
     REFERENCE,
     chances_of_right,
+    judged_of,
     reference_of,
     trust_map,
 )
 from napari_phase4d.analysis.differences import OF_TRUTH, as_truth, errors, in_order, table_of
-from napari_phase4d.analysis.objects import object_of
+from napari_phase4d.analysis.objects import object_of, read_when_needed
 from napari_phase4d.analysis.slips import Tally, slip_words, tally_of
 from napari_phase4d.analysis.verdict import Verdict, counting_turns, verdict_on
 from napari_phase4d.later import pd, xr
@@ -36,6 +36,8 @@ from napari_phase4d.unwrapping import (
     methods_for,
     options_by_id,
     run_method,
+    settle_plateaus,
+    shown_field,
 )
 from napari_phase4d.words import check_call, shown
 
@@ -377,6 +379,9 @@ class Comparison:
     def object_mask(self) -> xr.DataArray:
         """Return what of the usable field is not empty, in the form of the phase.
 
+        A sheet that lies whole turns above the empty field looks like it. It belongs to the object
+        where that is known: directional L1 is among the methods, or `confidence` has been asked.
+
         Frames that say nothing hold no object. Of results on disk it is held in memory as well,
         in a byte a pixel.
         """
@@ -405,7 +410,9 @@ class Comparison:
     def _object_values(self, task: Task) -> Any:
         """Return the mask of the object (time, angle, y, x), lazy where the phase lies on disk."""
         problem, blocks = self.problem, self.problem.blocks()
-        read = partial(object_of, problem, problem.background(task).empty)
+        if REFERENCE in self.results:
+            settle_plateaus(problem, judged_of(self.results[REFERENCE], problem), task)
+        read = partial(object_of, problem, shown_field(problem, task))
         watch = Watch(len(blocks), "looking for the object", task.quiet)
         for block in blocks:
             watch.step()
@@ -415,17 +422,6 @@ class Comparison:
             read = partial(object_of, problem, None)
         shape = problem.given.shape
         return read(Block(0, shape[0])) if problem.held else read_when_needed(read, blocks, shape)
-
-
-def read_when_needed(
-    read: Callable[[Block], NDArray[np.bool_]], blocks: Iterable[Block], shape: tuple[int, ...]
-) -> Any:
-    """Return a lazy array of marks, which are read a block at a time."""
-    import dask  # which takes a tenth of a second
-    import dask.array as da
-
-    parts = [(dask.delayed(partial(read, block), pure=False)(), len(block)) for block in blocks]
-    return da.concatenate([da.from_delayed(p, (n, *shape[1:]), np.bool_) for p, n in parts])
 
 
 def map_name(method: str) -> str:

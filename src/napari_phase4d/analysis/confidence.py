@@ -29,6 +29,7 @@ from napari_phase4d.stacks import (
 from napari_phase4d.task import UNWATCHED, CancelledCall, ProgressCall, Task, Watch, in_threads
 from napari_phase4d.unwrapping import (
     METHODS,
+    PLATEAUS,
     Astray,
     Judged,
     Problem,
@@ -37,8 +38,10 @@ from napari_phase4d.unwrapping import (
     ViewsOf,
     all_wavelengths_known,
     astray,
+    every_plateau,
     level_residues,
     odds_by_wavelengths,
+    on_its_field,
     run_method,
     supports_by_steps,
     working_blocks,
@@ -50,6 +53,7 @@ __all__ = [
     "above_field",
     "chances_of_right",
     "confidence",
+    "judged_of",
     "reference_of",
     "trust_map",
     "turns_off",
@@ -238,6 +242,7 @@ def chances_of_right(
         by_steps(part, chosen, of_part, into, task)
     problem.frames_left_out()  # noted, while the parts know it, and so is this
     problem.once(MISSING_MASS, partial(frames_missing_mass, problem))
+    problem.once(PLATEAUS, partial(every_plateau, problem))
     if told:
         assert own is not None
         every = {n: j or own for n, j in judged.items()}
@@ -294,10 +299,14 @@ def by_steps(
     wanted = {name: result for name, result in results.items() if result is not None}
     if not problem.knows("support"):
         wanted["reference"] = reference
-    supports = supports_by_steps(problem, wanted, task)
+    seen = on_its_field(problem, reference, task)
+    if seen is not problem:
+        problem.forget_field()  # it is as large as that which comes
+    supports = supports_by_steps(seen, wanted, task)
     rival = problem.once("support", lambda: supports["reference"])
-    noise, residues = astray(problem, task), level_residues(problem, task)
-    balance = problem.once(BALANCE, lambda: balance_of(problem, reference, task))
+    noise, residues = astray(seen, task), level_residues(seen, task)
+    balance = problem.once(BALANCE, lambda: balance_of(seen, reference, task))
+    empty = seen.background().empty
     blocks = working_blocks(problem.given.shape)
     watch = Watch(len(blocks) * len(results), "weighing the results", task)
     for name, result in results.items():
@@ -310,10 +319,13 @@ def by_steps(
             noise,
             residues,
             balance,
+            empty,
             maps[name],
         )
         for _ in in_threads(chance, blocks, watch, wait=True):
             pass
+    if seen is not problem:
+        seen.forget_field()
 
 
 @dataclass(frozen=True)
@@ -334,6 +346,8 @@ class ChanceBlock:
         What stands in the way of the levels of objects.
     balance : Balance
         What mass they miss.
+    empty : Stack
+        The empty field.
     found : Stack
         Where the chance goes.
     """
@@ -346,6 +360,7 @@ class ChanceBlock:
     noise: Astray
     residues: Residues
     balance: Balance
+    empty: Stack
     found: Stack
 
     def __call__(self, block: Block) -> None:
@@ -353,7 +368,7 @@ class ChanceBlock:
         values = self.result.read(block)
         own = self.result is self.reference
         others = values if own else self.reference.read(block)
-        empty = self.problem.background().empty.read(block)
+        empty = self.empty.read(block)
         turns = above_field(whole_turns(values, others), empty)
         differs = turns != 0
         weight, rival = odds_of_right(self.own, block), odds_of_right(self.rival, block)

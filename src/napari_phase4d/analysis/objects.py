@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
+from functools import partial
+from typing import Any
+
 import numpy as np
 import scipy
 from numpy.typing import NDArray
@@ -13,6 +17,7 @@ from napari_phase4d.unwrapping import Problem, shrunk
 __all__ = [
     "SMALLEST_OBJECT",
     "object_of",
+    "read_when_needed",
     "solid_pieces",
     "told_apart",
     "without_rims",
@@ -32,6 +37,17 @@ def object_of(problem: Problem, empty: Stack | None, block: Block) -> Mask:
     lost = problem.frames_left_out()[block.start : block.stop]
     usable = problem.given.read(block)[1] & ~lost[..., None, None]
     return usable if empty is None else usable & ~empty.read(block)
+
+
+def read_when_needed(
+    read: Callable[[Block], NDArray[np.bool_]], blocks: Iterable[Block], shape: tuple[int, ...]
+) -> Any:
+    """Return a lazy array of marks, which are read a block at a time."""
+    import dask  # which takes a tenth of a second
+    import dask.array as da
+
+    parts = [(dask.delayed(partial(read, block), pure=False)(), len(block)) for block in blocks]
+    return da.concatenate([da.from_delayed(p, (n, *shape[1:]), np.bool_) for p, n in parts])
 
 
 def core_of(mask: Mask) -> Mask:

@@ -20,7 +20,7 @@ from napari_phase4d.analysis.objects import (
 from napari_phase4d.later import xr
 from napari_phase4d.stack import Block, Stack, stack_of
 from napari_phase4d.task import UNWATCHED, Task, Watch, in_threads
-from napari_phase4d.unwrapping import Problem, working_blocks
+from napari_phase4d.unwrapping import Problem, shown_field, working_blocks
 
 __all__ = [
     "Counts",
@@ -98,9 +98,9 @@ def tally_of(
     task : Task, optional
         Who is told of it, and may stop it.
     """
-    problem.background(task)
     count = Count(
         problem,
+        shown_field(problem, task),
         [stack_of(result) for result in results.values()],
         list(trust.values()),
     )
@@ -128,6 +128,8 @@ class Count:
     ----------
     problem : Problem
         What was unwrapped.
+    empty : Stack
+        The empty field.
     results : list of Stack
         What is held against each other.
     trust : list of Stack
@@ -135,6 +137,7 @@ class Count:
     """
 
     problem: Problem
+    empty: Stack
     results: list[Stack]
     trust: list[Stack]
 
@@ -144,7 +147,7 @@ class Count:
         The last axis of the counts is: pixels, those that differ, those in doubt of each method.
         """
         field = object_of(self.problem, None, block)
-        empty = self.problem.background().empty.read(block)
+        empty = self.empty.read(block)
         inside = field & ~empty
         maps = [stack.read(block) for stack in self.trust]
         looks = [np.ones_like(field), self._differ(block, empty), *(m < DOUBTFUL for m in maps)]

@@ -21,8 +21,9 @@ from napari_phase4d.pipeline.stored import Shelf, Stored, stored_at
 from napari_phase4d.stack import Block, Limits, Stack, Store, blocks_of, limits_of, widest
 from napari_phase4d.stacks import AXES, KIND
 from napari_phase4d.task import UNWATCHED, Task, Threads, Watch, Workers
-from napari_phase4d.unwrapping import FRAMES_LEFT_OUT, Problem, SharedSteps, is_known
+from napari_phase4d.unwrapping import FRAMES_LEFT_OUT, PLATEAUS, Problem, SharedSteps, is_known
 from napari_phase4d.unwrapping.alone import ALL_USABLE
+from napari_phase4d.unwrapping.background import Background
 from napari_phase4d.unwrapping.given import (
     Boundary,
     Given,
@@ -42,6 +43,7 @@ T = TypeVar("T")
 #: Beginnings of the names of what stays when the shelf is cleared: maps that are whole, numbers.
 LASTING = (
     "confidence of", "tally", "lost", FRAMES_LEFT_OUT, "brightness", ALL_USABLE, "missing mass",
+    PLATEAUS,
 )  # fmt: skip
 
 
@@ -285,6 +287,13 @@ class ProblemOnDisk(Problem):
             workers=self._workers,
             store=Named(self._shelf, name),
         )
+
+    def with_background(self, background: Background) -> Problem:
+        """Return the same phase with another empty field, see `Problem`."""
+        found = super().with_background(background)
+        assert isinstance(found, ProblemOnDisk)
+        found._store = Named(self._store, "on_its_field")
+        return found
 
     def result_stack(self, method: str) -> Stack:
         """Return a new stack on disk for the result of a method."""

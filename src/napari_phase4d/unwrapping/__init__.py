@@ -37,6 +37,12 @@ from napari_phase4d.unwrapping.light.synthetic import all_wavelengths_known
 from napari_phase4d.unwrapping.neighbours import both_ends, ends_along
 from napari_phase4d.unwrapping.network_flow import loop_sums
 from napari_phase4d.unwrapping.objects import left_out_advice
+from napari_phase4d.unwrapping.plateaus import (
+    every_plateau,
+    on_its_field,
+    settle_plateaus,
+    shown_field,
+)
 from napari_phase4d.unwrapping.problem import Problem
 from napari_phase4d.unwrapping.registry import BUILT_IN, METHODS, STACKS_OF_A_FRAME, Method, Option
 from napari_phase4d.unwrapping.running import (
@@ -53,7 +59,7 @@ from napari_phase4d.unwrapping.running import (
     unwrap,
     why_unsuited,
 )
-from napari_phase4d.unwrapping.shared_steps import FRAMES_LEFT_OUT, SharedSteps
+from napari_phase4d.unwrapping.shared_steps import FRAMES_LEFT_OUT, PLATEAUS, SharedSteps
 
 __all__ = [
     "BUILT_IN",
@@ -62,6 +68,7 @@ __all__ = [
     "METHODS",
     "ONE_OF",
     "ORDERS",
+    "PLATEAUS",
     "SCORED_PIXELS",
     "SCORED_TIMES",
     "SCORING_METHOD",
@@ -88,6 +95,7 @@ __all__ = [
     "check_method",
     "checked_boundaries",
     "ends_along",
+    "every_plateau",
     "for_what_comes",
     "frame_by_frame",
     "frames_among",
@@ -103,11 +111,14 @@ __all__ = [
     "noted",
     "object_in",
     "odds_by_wavelengths",
+    "on_its_field",
     "options_by_id",
     "run_method",
     "score_boundaries",
     "scores_of_some",
     "scores_sentence",
+    "settle_plateaus",
+    "shown_field",
     "shrunk",
     "supports_by_steps",
     "unwrap",

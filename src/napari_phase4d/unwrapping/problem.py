@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TypeVar
@@ -57,6 +58,8 @@ __all__ = ["Problem"]
 
 #: Names of what each frame by itself gave, and of the object in it, among what a problem shares.
 ALONE, OBJECT = "spatial", "object"
+#: What does not depend on the empty field.
+KEPT = (ALONE, OBJECT, "lost", "brightness", "parts")
 
 R = TypeVar("R")
 
@@ -328,6 +331,16 @@ class Problem(SharedSteps):
         known = is_known(values)
         phase = xr.DataArray(values, dims=AXES, coords=coords)
         return Problem(phase, boundaries, None if known.all() else known)
+
+    def with_background(self, background: Background) -> Problem:
+        """Return the same phase with another empty field; what is computed of it is its own."""
+        found = copy.copy(self)
+        SharedSteps.__init__(found)
+        for name in KEPT:
+            if self.knows(name):
+                found.note(name, self.known(name))
+        found.note("background", background)
+        return found
 
     def forget_field(self) -> None:
         """Let go of what the directional methods share: it is as large as many results."""

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-__all__ = ["FIELD", "FRAMES_LEFT_OUT", "GRAPH", "RESIDUES", "SharedSteps"]
+__all__ = ["FIELD", "FRAMES_LEFT_OUT", "GRAPH", "PLATEAUS", "RESIDUES", "SharedSteps"]
 
 #: Name of what the directional methods start from.
 FIELD = "field"
@@ -15,6 +15,8 @@ FIELD = "field"
 FRAMES_LEFT_OUT = "frames_left_out"
 #: Name of the graph of all pixels, which confidence goes along.
 GRAPH = "graph"
+#: Name of what looks empty, and lies whole turns above the field.
+PLATEAUS = "plateaus"
 #: Name of the residues that stand in the way of levels.
 RESIDUES = "residues"
 
