@@ -18,7 +18,7 @@ from layouts import layouts
 from levelling import levelling
 from regimes import regimes
 from tables import heading, line
-from trusting import confidence, elsewhere
+from trusting import confidence, elsewhere, sheets
 
 import napari_phase4d as p4d
 from napari_phase4d.simulation import (
@@ -239,6 +239,7 @@ QUESTIONS = (
     crops,
     confidence,
     elsewhere,
+    sheets,
     boundaries,
     regimes,
     layouts,

@@ -97,6 +97,52 @@ def sheet_that_grows() -> Image:
     return frames_of(at)
 
 
+def sheet_of(peak: float, width: float, grows: float, kind: str) -> Image:
+    """Return a sheet that covers the view bit by bit.
+
+    Parameters
+    ----------
+    peak : float
+        Its phase in radians.
+    width : float
+        Of its rim, which is a logistic curve, in pixels.
+    grows : float
+        By so many pixels a frame.
+    kind : str
+        "front" comes from one side; so does "cell", where there is a cell on the other one;
+        "wound" closes from both sides; "film" grows round from the middle.
+    """
+
+    def at(t: int, aside: float) -> Image:
+        if kind == "wound":
+            inside = (
+                8
+                + grows * t / 2
+                + 3 * np.sin(Y / 9)
+                - np.minimum(X - aside, WIDTH - 1 - X + aside)
+            )
+        elif kind == "film":
+            uneven = 3 * np.sin(3 * np.arctan2(Y - 30, X - 40))
+            inside = 10 + grows * t + uneven - np.hypot(Y - 30, X - aside - 40)
+        else:
+            inside = 10 + grows * t + 6 * np.sin(Y / 9) - (X - aside)
+        found = peak / (1 + np.exp(-inside / width))
+        return np.maximum(found, body(40, 80 + aside, 8, 8, 12)) if kind == "cell" else found
+
+    return frames_of(at)
+
+
+#: Sheets that are about whole turns high: peak, width of the rim, growth, kind.
+SHEETS = (
+    (6.3, 2.5, 2.2, "front"),
+    (6.3, 2.5, 2.2, "cell"),
+    (6.3, 0.9, 2.6, "cell"),
+    (6.3, 0.8, 1.6, "film"),
+    (12.6, 1.3, 1.6, "film"),
+    (6.3, 0.7, 2.0, "wound"),
+)
+
+
 def cell_with_a_tail() -> Image:
     def at(t: int, aside: float) -> Image:
         found = ball(40, 20 + aside, 7, 9)

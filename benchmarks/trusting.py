@@ -9,6 +9,8 @@ from functools import partial
 from itertools import pairwise
 
 import numpy as np
+import xarray as xr
+from everyday import SHEETS, sheet_of
 from numpy.typing import NDArray
 from regimes import (
     OWN_PHANTOMS,
@@ -53,6 +55,8 @@ FITTED = {*OWN_PHANTOMS[::2], *tuple(HARD_SHAPES)[::2], *tuple(WALLS)[::2]}
 UNKNOWABLE = ("disc of 5 rad that stays", "disc of 8 rad that falls")
 #: An area under the curve needs at least so many wrong pixels; an object so many pixels.
 ENOUGH, OBJECT = 20, 30
+#: What of a sheet is no sheet any more, in radians.
+SLIGHT = 0.3
 
 
 def unseen(case: Case) -> bool:
@@ -176,8 +180,14 @@ def confidence() -> None:
         line(
             words, count, len(own.areas), mean, worst, own.found, own.slipped, own.false, own.right
         )
+    by_method("Confidence of all methods", every)
+    calibration(every[WL1])
+
+
+def by_method(title: str, every: dict[str, Tally]) -> None:
+    """Print what was counted for each method."""
     heading(
-        "Confidence of all methods",
+        title,
         "method recordings mean worst given-less-than-1-%:-wrong-(%) "
         "given-more-than-90-%:-right-(%) found slipped false-alarms right-frames",
     )
@@ -187,8 +197,8 @@ def confidence() -> None:
         line(
             p4d.METHODS[method].label,
             len(tally.areas),
-            statistics.mean(tally.areas),
-            min(tally.areas),
+            statistics.mean(tally.areas) if tally.areas else "",
+            min(tally.areas, default=""),
             f"{100 * safe.mean():.3f}",
             f"{100 * bad.mean():.1f}" if bad.size else "",
             tally.found,
@@ -196,7 +206,20 @@ def confidence() -> None:
             tally.false,
             tally.right,
         )
-    calibration(every[WL1])
+
+
+def sheets() -> None:
+    """How well confidence finds what is wrong of sheets that look like the empty field."""
+    every: dict[str, Tally] = {}
+    for number, kind in enumerate(SHEETS):
+        clean = sheet_of(*kind).astype(np.float32)
+        for noise in (0.5, 0.7):
+            added = np.random.default_rng(number).normal(0, noise, clean.shape)
+            phase = clean + added.astype(np.float32)
+            wrapped = xr.DataArray(np.angle(np.exp(1j * phase)), dims=("time", "angle", "y", "x"))
+            case = Case(f"sheet {number}", wrapped, phase, clean < SLIGHT)
+            judge(case, every, (*METHODS, "angular", "angular-temporal"))
+    by_method("Confidence of sheets that are about whole turns high", every)
 
 
 #: Objects that confidence and its mass were not looked at on: words, factor of the phase, which

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from napari_phase4d.stack import Block, ReadOnly, Stack
 from napari_phase4d.task import Task, Watch, in_threads
 from napari_phase4d.unwrapping.background import Background
-from napari_phase4d.unwrapping.directional.regions import FIELD_SHARE
+from napari_phase4d.unwrapping.directional.ground import FIELD_SHARE
 from napari_phase4d.unwrapping.directional.support import Judged
 from napari_phase4d.unwrapping.frames import border_medians
 from napari_phase4d.unwrapping.given import working_blocks

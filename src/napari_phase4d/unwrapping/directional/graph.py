@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.stack import Block, blocks_of
+from napari_phase4d.unwrapping.directional.ground import FIELD_SHARE
 from napari_phase4d.unwrapping.directional.merging import smoothest_first, weight_of_hold
-from napari_phase4d.unwrapping.directional.regions import FIELD_SHARE, FIRM
+from napari_phase4d.unwrapping.directional.regions import FIRM
 from napari_phase4d.unwrapping.directional.scene import Scene
 from napari_phase4d.unwrapping.directional.steps import Opinion, Weighed
 from napari_phase4d.unwrapping.given import blocks_within

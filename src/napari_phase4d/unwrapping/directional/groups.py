@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from napari_phase4d.compiling import compiled
 from napari_phase4d.stack import Block, Stack, room_in
+from napari_phase4d.unwrapping.directional.ground import Islands, islands_of
 from napari_phase4d.unwrapping.directional.scene import Scene
 from napari_phase4d.unwrapping.directional.steps import Opinion, Weighed
 
@@ -263,9 +264,8 @@ class Grouped:
         The frames.
     sizes : list of ndarray of int
         Of every time, the pixels of the object that each group has.
-    fields : ndarray of int, shape (time, angle, 3)
-        Group of the largest island of the empty field of each frame (-1 if there is none), its
-        turns relative to the group, and its number of pixels.
+    fields : list of list of Islands or None
+        The islands of the empty field of each time and angle.
     within : list of Runs
         Steps between groups of one time.
     ahead : list of Runs
@@ -278,7 +278,7 @@ class Grouped:
 
     block: Block
     sizes: list[Whole]
-    fields: Index
+    fields: list[list[Islands | None]]
     within: list[list[Runs]]
     ahead: list[Runs]
     first: Frame
@@ -293,13 +293,14 @@ def grouped(scene: Scene, weighed: Weighed, groups_to: Stack, relative_to: Stack
     groups, relative = room_in(groups_to, block, np.int32), room_in(relative_to, block, np.int16)
     groups[...], relative[...] = -1, 0
     free = np.ascontiguousarray(weighed.free)
-    fields = np.full((*islands.shape[:2], 3), -1, dtype=np.int32)
+    fields: list[list[Islands | None]] = []
     sizes = []
     corner = scene.box[0].start, scene.box[1].start
     none = Opinion(*(np.zeros((len(block), free.shape[1], 0, 0), d) for d in DTYPES))
     down, right = (weighed.by_axis.get(axis, none) for axis in (2, 3))
     for i in range(len(block)):
         of_time: list[Whole] = []
+        fields.append([])
         count = 0
         for angle in range(islands.shape[1]):
             frame = i, angle
@@ -315,10 +316,7 @@ def grouped(scene: Scene, weighed: Weighed, groups_to: Stack, relative_to: Stack
                 relative[frame],
                 count,
             )
-            if n_islands:
-                pixels = np.bincount(islands[frame].ravel() + 1, minlength=n_islands + 1)[1:]
-                largest = int(np.argmax(pixels))
-                fields[frame] = (*of_island[largest], pixels[largest])
+            fields[-1].append(islands_of(islands[frame], of_island))
             of_time.append(size)
             count += len(size)
         sizes.append(np.concatenate(of_time))

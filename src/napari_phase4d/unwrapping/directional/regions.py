@@ -17,6 +17,7 @@ from napari_phase4d.compiling import compiled
 from napari_phase4d.stack import Block, Stack, Store
 from napari_phase4d.task import Watch, in_threads, watched
 from napari_phase4d.unwrapping.directional.bunches import Bunches, EdgeList, bunches_of
+from napari_phase4d.unwrapping.directional.ground import FIELD_SHARE, Grounds, Islands
 from napari_phase4d.unwrapping.directional.groups import (
     PARTS,
     SURE,
@@ -39,9 +40,7 @@ from napari_phase4d.unwrapping.directional.groups import (
 from napari_phase4d.unwrapping.directional.scene import Scene
 from napari_phase4d.unwrapping.directional.steps import Floors, Opinion, Weighed
 
-__all__ = ["FIELD_SHARE", "FIRM", "Field", "Regions", "find_regions"]
-#: An island of the empty field that takes at least this share of the frame holds its level.
-FIELD_SHARE = 0.05
+__all__ = ["FIRM", "Field", "Regions", "find_regions"]
 #: How firmly: its weight is that of a step of this roughness, which is that of 100 smooth ones.
 FIRM = -0.268
 #: As many times more room is made for groups where there is none left.
@@ -203,7 +202,7 @@ class Joining:
         self._sizes: list[Whole] = []
         self._n = 0
         self._base = np.zeros(scene.shape[0], dtype=np.int64)
-        self._fields = np.full((*scene.shape[:2], 3), -1, dtype=np.int64)
+        self._grounds = Grounds(scene)
         #: Edges of the last frames, and those that have been put together.
         self._edges: list[Edges] = []
         self._older = EdgeList(store, "edges")
@@ -228,9 +227,7 @@ class Joining:
                 link = found.ahead[i]
             elif not forward and i > 0:
                 link = found.ahead[i - 1]
-            some = found.fields[i].astype(np.int64)
-            some[:, 0] += np.where(some[:, 0] >= 0, self._base[t], 0)
-            self._fields[t] = some
+            self._take_islands(t, found.fields[i])
         if self._first is None or not forward:
             self._first = found.first
         if forward:
@@ -288,6 +285,13 @@ class Joining:
             self._parent = np.concatenate([self._parent, more])
             self._offset = np.concatenate([self._offset, np.zeros(len(more), dtype=np.int32)])
 
+    def _take_islands(self, time: int, of_views: list[Islands | None]) -> None:
+        """Keep the islands of a time, their groups counted through."""
+        for angle, own in enumerate(of_views):
+            if own is not None:
+                own.listed[:, 1] += np.int32(self._base[time])
+                self._grounds.islands[time, angle] = own
+
     def _to_last(self, found: Grouped) -> Runs | None:
         """Return the steps to a block from the time before it."""
         if self._last is None or self._last[1] is None:
@@ -321,10 +325,11 @@ class Joining:
 
     def _islands(self) -> tuple[tuple[int, int] | None, Whole]:
         """Return group and turns of the island that is held, and those of the other fields."""
-        fields = self._fields.reshape(-1, 3)
+        of_frame = self._grounds.followed()
+        fields = of_frame.reshape(-1, 3)
         if not (fields[:, 0] >= 0).any():
             return None, np.zeros((0, 3), dtype=np.int64)
-        held = self._fields[self._start]
+        held = of_frame[self._start]
         if held[0] < 0:
             held = fields[np.argmax(fields[:, 2])]
         others = fields[(fields[:, 0] >= 0) & (fields[:, 2] >= FIELD_SHARE * self._pixels)]

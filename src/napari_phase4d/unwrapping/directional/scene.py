@@ -180,12 +180,16 @@ class Scene:
 
     def islands(self, block: Block) -> NDArray[np.int32]:
         """Return the number of each island of the empty field in its frame; -1 elsewhere."""
+        return self.placed(self.islands_as_seen(block), block, -1)
+
+    def islands_as_seen(self, block: Block) -> NDArray[np.int32]:
+        """Return the same of frames that are not moved into place."""
         empty = self.frames.read_empty(block)
         found = np.empty(empty.shape, dtype=np.int32)
         for frame in np.ndindex(*empty.shape[:2]):
             labels, _ = scipy.ndimage.label(empty[frame])
             found[frame] = labels - 1
-        return self.placed(found, block, -1)
+        return found
 
     def free(self, block: Block) -> Mask:
         """Return the object's pixels in the box of some kept frames, moved into place."""
