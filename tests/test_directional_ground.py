@@ -40,6 +40,24 @@ def test_a_sheet_that_grows_over_the_view_is_not_pulled_down(
     assert wrong.mean() < 1e-3
 
 
+@pytest.mark.parametrize(
+    ("peak", "rise", "fall", "noise"),
+    [(9, 0.12, 3.0, 0.0), (7, 0.3, 2.5, 0.5), (12, 0.5, 4.0, 0.3)],
+)
+def test_field_behind_a_sheer_wall_is_field(
+    peak: float, rise: float, fall: float, noise: float
+) -> None:
+    """One side of a bar that crosses the view tells nothing: no way leads to what is behind."""
+    y, x = np.mgrid[: SHAPE[0], : SHAPE[1]].astype(float)
+    clean = np.empty((24, 1, *SHAPE))
+    for t in range(24):
+        edge = 8 + 1.6 * t + 1.5 * np.sin(y / 7)
+        clean[t, 0] = peak / (1 + np.exp((edge - x) / rise)) / (1 + np.exp((x - edge - 22) / fall))
+    phase = clean + np.random.default_rng(1).normal(0, noise, clean.shape)
+    found = p4d.unwrap(np.angle(np.exp(1j * phase)).astype(np.float32), "directional-l1").values
+    assert (np.round((found - phase) / TURN) != 0).mean() < 0.01
+
+
 def islands_in(frame: list[str]) -> NDArray[np.int32]:
     """Return the number of each pixel's island, by letters; -1 for dots."""
     rows = np.array([list(row) for row in frame])
@@ -63,7 +81,7 @@ def chosen(frames: list[list[str]], start: int = 0) -> list[str]:
         count = int(own.max()) + 1
         # Groups are told apart by numbers of their own: a hundred for each frame.
         of_group = np.column_stack([100 * t + np.arange(count), np.zeros(count)]).astype(int)
-        listed = islands_of(own, of_group)
+        listed = islands_of(own, own, of_group)
         if listed is not None:
             grounds.islands[t, 0] = listed
     found = grounds.followed()[:, 0, 0]
@@ -93,6 +111,11 @@ def test_a_field_that_parts_is_held_by_its_largest_piece() -> None:
     assert chosen(frames) == ["a", "b", "b", "a"]
 
 
+def test_it_begins_anew_where_all_lies_elsewhere() -> None:
+    """The stage has moved: nothing says that what lies there now was anything else."""
+    assert chosen([["aaaa....", "aaaa...."], [".....bbb", ".....bbb"]]) == ["a", "b"]
+
+
 def test_a_frame_without_field_is_passed_over() -> None:
     frames = [["aaa.", "aaa."], ["....", "...."], ["aaa.", "aaa."]]
     assert chosen(frames) == ["a", "", "a"]
@@ -105,8 +128,9 @@ def test_where_the_start_shows_none_it_begins_at_the_largest() -> None:
 
 def test_islands_are_listed_with_their_pixels() -> None:
     numbers = islands_in(["aab.", "aab."])
-    found = islands_of(numbers, np.array([[7, 1], [9, -2]]))
+    found = islands_of(numbers, numbers, np.array([[7, 1], [9, -2]]))
     assert found is not None
     np.testing.assert_array_equal(found.listed, [[0, 7, 1, 4], [1, 9, -2, 2]])
     assert found.largest == 0
-    assert islands_of(np.full((2, 2), -1, np.int32), np.empty((0, 2), np.int32)) is None
+    none = np.full((2, 2), -1, np.int32)
+    assert islands_of(none, none, np.empty((0, 2), np.int32)) is None

@@ -15,7 +15,7 @@ from napari_phase4d.simulation import at_wavelengths
 from napari_phase4d.stack import Block, InMemory
 from napari_phase4d.task import UNWATCHED
 from napari_phase4d.unwrapping import PLATEAUS, Judged, Problem, shown_field
-from napari_phase4d.unwrapping.plateaus import frames_off, plateaus_of
+from napari_phase4d.unwrapping.plateaus import plateaus_of
 
 TURN = 2 * np.pi
 TIMES, HEIGHT, WIDTH = 20, 56, 64
@@ -115,15 +115,20 @@ def test_cells_leave_the_field_as_it_is() -> None:
     assert plateaus_of(problem, exact, UNWATCHED) == {}
 
 
-def test_a_frame_all_of_which_slipped_has_its_field_still() -> None:
+@pytest.mark.parametrize(("corner", "covers"), [(900, True), (60, False)])
+def test_a_frame_all_of_which_slipped_has_its_field_still(corner: int, covers: bool) -> None:
     """As opposed to a sheet that covers all of the view, which is as high as it was before."""
-    turns = {
-        (0, 0): np.array([0, 1, 0], np.int16),
-        (1, 0): np.array([1], np.int16),
-        (2, 0): np.array([-1, -1], np.int16),
-        (1, 1): np.array([1, 1], np.int16),
-    }
-    assert frames_off(turns) == [(2, 0), (1, 1)]
+    values = np.zeros((6, 1, 60, 60), dtype=np.float32)
+    side = int(np.sqrt(corner))
+    values[:3, 0, :side, :side] = TURN  # a sheet, or too small to be one
+    values[4] = TURN
+    wrapped = np.zeros_like(values)
+    wrapped[:3, 0, side : side + 2, : side + 2] = wrapped[:3, 0, : side + 2, side : side + 2] = 3
+    problem = Problem(wrapped)
+    found = plateaus_of(problem, Judged(InMemory(values)), UNWATCHED)
+    shown = shown_field(problem, UNWATCHED).read(Block(0, 6))
+    assert shown[4].any() != covers
+    assert set(found) == ({(0, 0), (1, 0), (2, 0), (4, 0)} if covers else set())
 
 
 @pytest.mark.thorough
@@ -133,6 +138,8 @@ def test_on_disk_it_is_the_same(tmp_path: Path, lights: int) -> None:
     if lights == 2:
         data = at_wavelengths(data, (0.5, 0.6))
     wrapped, _ = noisy(data["phase"], 0.5)
+    garbage = np.random.default_rng(1).uniform(-np.pi, np.pi, wrapped[8].shape)
+    wrapped[8] = garbage.astype(np.float32)
     path = io.write_phase(tmp_path / "phase.ome.zarr", wrapped)
     found = []
     for storage in ("memory", "disk"):
@@ -147,7 +154,12 @@ def test_on_disk_it_is_the_same(tmp_path: Path, lights: int) -> None:
         compared = p4d.run(recipe, folder=tmp_path / storage).comparison
         maps = compared.confidences()
         assert compared.problem.known(PLATEAUS)
-        found.append((maps, compared.verdict, compared.warnings()))
+        left_out = compared.problem.frames_left_out()
+        found.append((maps, compared.verdict, compared.warnings(), left_out))
     for method in METHODS[:2]:
-        np.testing.assert_array_equal(found[0][0][method].values, found[1][0][method].values)
-    assert found[0][1:] == found[1][1:]
+        expected = found[0][0][method].values
+        np.testing.assert_array_equal(found[1][0][method].values, expected)
+        assert not expected[8].any()
+        assert expected[7].any()
+    assert found[0][1:3] == found[1][1:3]
+    np.testing.assert_array_equal(found[0][3], found[1][3])

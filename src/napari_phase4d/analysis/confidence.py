@@ -28,6 +28,7 @@ from napari_phase4d.stacks import (
 )
 from napari_phase4d.task import UNWATCHED, CancelledCall, ProgressCall, Task, Watch, in_threads
 from napari_phase4d.unwrapping import (
+    FRAMES_LEFT_OUT,
     METHODS,
     PLATEAUS,
     Astray,
@@ -301,10 +302,12 @@ def by_steps(
         wanted["reference"] = reference
     seen = on_its_field(problem, reference, task)
     if seen is not problem:
+        frames_that_fit(problem, task)  # by which it was unwrapped
         problem.forget_field()  # it is as large as that which comes
     supports = supports_by_steps(seen, wanted, task)
     rival = problem.once("support", lambda: supports["reference"])
     noise, residues = astray(seen, task), level_residues(seen, task)
+    problem.note(FRAMES_LEFT_OUT, problem.frames_left_out() | seen.frames_left_out())
     balance = problem.once(BALANCE, lambda: balance_of(seen, reference, task))
     empty = seen.background().empty
     blocks = working_blocks(problem.given.shape)
@@ -326,6 +329,12 @@ def by_steps(
             pass
     if seen is not problem:
         seen.forget_field()
+
+
+def frames_that_fit(problem: Problem, task: Task) -> None:
+    """Look which frames fit to those beside them, if no directional method has looked."""
+    if not problem.knows(FRAMES_LEFT_OUT):
+        astray(problem, task)
 
 
 @dataclass(frozen=True)

@@ -39,7 +39,7 @@ Plateaus = Mapping[Frame, Turns]
 
 
 def plateaus_of(problem: Problem, reference: Judged, task: Task) -> Plateaus:
-    """Return which islands of what looks empty lie whole turns off the field; computed once.
+    """Return which islands of what looks empty lie whole turns off the field.
 
     Small ones alone are not believed: noise may put them there, or a plateau inside of a cell.
     Once one is as large as a field, small ones count as well, as it has begun as one of these.
@@ -63,27 +63,27 @@ def plateaus_of(problem: Problem, reference: Judged, task: Task) -> Plateaus:
         found: dict[Frame, Islands] = {}
         for some in in_threads(look, blocks, watch, wait=True):
             found |= some
-        above = {at: one.turns for at, one in found.items()}
-        for at in frames_off(above):
-            above[at] = above[at] - found[at].of_largest
         least = FIELD_SHARE * math.prod(problem.given.shape[2:])
-        large = any((found[at].size[above[at] != 0] >= least).any() for at in above)
-        return {at: turns for at, turns in above.items() if turns.any()} if large else {}
+        above = {at: one.turns for at, one in found.items()}
+        sheets = sheets_among(found, least)
+        for at, own in above.items():
+            # A sheet is as high where it covers all of the view as where it does not yet; else
+            # the frame has slipped with its field.
+            if own.all() and (at[1], found[at].of_largest) not in sheets:
+                above[at] = own - found[at].of_largest
+        return {at: own for at, own in above.items() if own.any()} if sheets else {}
 
     return problem.once(PLATEAUS, find)
 
 
-def frames_off(turns: Plateaus) -> list[Frame]:
-    """Return the frames all of which is off, and not a sheet that covers all of the field.
-
-    A sheet is as high where it covers all of the view as where it does not yet.
-    """
-    sheets = {(at[1], n) for at, own in turns.items() if not own.all() for n in set(own.tolist())}
-    return [
-        at
-        for at, own in turns.items()
-        if own.all() and not {(at[1], int(n)) for n in own} & sheets
-    ]
+def sheets_among(found: Mapping[Frame, Islands], least: float) -> set[tuple[int, int]]:
+    """Return angle and turns of islands of at least so many pixels beside which there is field."""
+    return {
+        (at[1], turns)
+        for at, one in found.items()
+        if not one.turns.all()
+        for turns in one.turns[(one.turns != 0) & (one.size >= least)].tolist()
+    }
 
 
 class Islands(NamedTuple):

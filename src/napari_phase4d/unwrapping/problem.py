@@ -33,7 +33,7 @@ from napari_phase4d.stacks import (
     wavelengths_of,
 )
 from napari_phase4d.task import UNWATCHED, CancelledCall, ProgressCall, Task, Watch, in_threads
-from napari_phase4d.unwrapping.alone import Found, each_alone, found_in, with_turns
+from napari_phase4d.unwrapping.alone import ALL_USABLE, Found, each_alone, found_in, with_turns
 from napari_phase4d.unwrapping.background import Background, background_of
 from napari_phase4d.unwrapping.frames import centre_of_mass_shifts
 from napari_phase4d.unwrapping.given import (
@@ -59,7 +59,7 @@ __all__ = ["Problem"]
 #: Names of what each frame by itself gave, and of the object in it, among what a problem shares.
 ALONE, OBJECT = "spatial", "object"
 #: What does not depend on the empty field.
-KEPT = (ALONE, OBJECT, "lost", "brightness", "parts")
+KEPT = (ALONE, OBJECT, ALL_USABLE, "lost", "brightness", "parts")
 
 R = TypeVar("R")
 

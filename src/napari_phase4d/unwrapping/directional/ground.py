@@ -44,7 +44,7 @@ class Islands(NamedTuple):
     listed : ndarray of int, shape (islands, 4)
         Number, group, turns relative to the group, and pixels of each, in order.
     outline : ndarray of uint8
-        Where the largest lies, a bit for every so manieth pixel.
+        Where the largest was seen: a bit for each of some pixels that are spread over the frame.
     """
 
     listed: Index
@@ -56,13 +56,14 @@ class Islands(NamedTuple):
         return int(np.argmax(self.listed[:, 3]))
 
 
-def islands_of(numbers: Index, of_group: Index) -> Islands | None:
+def islands_of(numbers: Index, seen: Index, of_group: Index) -> Islands | None:
     """List the islands of a frame; None if it has none.
 
     Parameters
     ----------
-    numbers : ndarray of int, shape (y, x)
-        The number of each pixel's island, from 0; -1 where there is none.
+    numbers, seen : ndarray of int, shape (y, x)
+        The number of each pixel's island, from 0, -1 where there is none: of the frame moved into
+        place, and as it was seen.
     of_group : ndarray of int, shape (islands, 2)
         Group of each island, and its turns relative to that.
     """
@@ -70,11 +71,11 @@ def islands_of(numbers: Index, of_group: Index) -> Islands | None:
         return None
     pixels = np.bincount(numbers.ravel() + 1, minlength=len(of_group) + 1)[1:]
     largest = np.argmax(pixels)
-    kept = pixels >= SMALLEST_SHARE * numbers.size
+    kept = pixels >= SMALLEST_SHARE * seen.size
     kept[largest] = True
     listed = np.column_stack([np.arange(len(of_group)), of_group, pixels]).astype(np.int32)
-    rows, columns = (max(n // OUTLINE, 1) for n in numbers.shape)
-    return Islands(listed[kept], np.packbits(numbers[::rows, ::columns] == largest))
+    rows, columns = (max(n // OUTLINE, 1) for n in seen.shape)
+    return Islands(listed[kept], np.packbits(seen[::rows, ::columns] == largest))
 
 
 @dataclass
@@ -110,10 +111,14 @@ class Grounds:
         What is unwrapped.
     islands : dict
         The islands of each frame (time, angle) that has any.
+    others : list of tuple of int
+        Group, turns and pixels of large islands that do not go on from the field, once it has
+        been followed: a sheet, or field that an object cuts off.
     """
 
     scene: Scene
     islands: dict[Frame, Islands] = field(default_factory=dict)
+    others: list[tuple[int, int, int]] = field(default_factory=list)
 
     def followed(self) -> NDArray[np.int64]:
         """Return group, turns and pixels of the island of each frame (time, angle, 3); -1: none.
@@ -167,11 +172,17 @@ class Grounds:
         own = self.islands[frame]
         pixels = own.listed[:, 3]
         least = FIELD_SHARE * math.prod(self.scene.frames.shape[2:])
-        alone = np.count_nonzero(pixels >= least) <= 1
+        large = pixels >= least
+        alone = np.count_nonzero(large) == 1
         if alone and before.outline is not None and much_in_common(own.outline, before.outline):
             return self._take_largest(frame, found)
+        if not large.any():  # it holds no level
+            return before
         numbers = self._numbers(frame)
         goes_on = self._goes_on(own.listed, numbers, before)
+        if not goes_on.any() and self._elsewhere(own, numbers, before):
+            return self._take_largest(frame, found)
+        self.others += [tuple(row) for row in own.listed[large & ~goes_on, 1:].tolist()]
         if not goes_on.any():
             return before
         row = int(np.argmax(np.where(goes_on, pixels, 0)))
@@ -179,6 +190,17 @@ class Grounds:
             return self._take_largest(frame, found)
         mask = np.isin(numbers, own.listed[goes_on, 0])
         return Before(frame, self._take(frame, row, found), None, mask, (numbers >= 0) & ~mask)
+
+    def _elsewhere(self, own: Islands, numbers: Index, before: Before) -> bool:
+        """Say whether the largest island lies mostly where nothing looked like field before.
+
+        So it is where a stage has moved, or in another view: nothing says that it is no field.
+        """
+        assert before.field is not None  # it has been asked, see `_goes_on`
+        assert before.other is not None
+        largest = numbers == own.listed[own.largest, 0]
+        known = np.count_nonzero(largest & (before.field | before.other))
+        return bool(known < IN_COMMON * np.count_nonzero(largest))
 
     def _goes_on(self, listed: Index, numbers: Index, before: Before) -> Mask:
         """Say which islands of a frame go on from what was field before.

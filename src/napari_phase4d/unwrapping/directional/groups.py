@@ -289,7 +289,8 @@ class Grouped:
 def grouped(scene: Scene, weighed: Weighed, groups_to: Stack, relative_to: Stack) -> Grouped:
     """Join the pixels of each frame of a block, and list the steps between what is joined."""
     block = weighed.block
-    islands = scene.islands(block)
+    unmoved = scene.islands_as_seen(block)
+    islands = scene.placed(unmoved, block, -1)
     groups, relative = room_in(groups_to, block, np.int32), room_in(relative_to, block, np.int16)
     groups[...], relative[...] = -1, 0
     free = np.ascontiguousarray(weighed.free)
@@ -316,7 +317,7 @@ def grouped(scene: Scene, weighed: Weighed, groups_to: Stack, relative_to: Stack
                 relative[frame],
                 count,
             )
-            fields[-1].append(islands_of(islands[frame], of_island))
+            fields[-1].append(islands_of(islands[frame], unmoved[frame], of_island))
             of_time.append(size)
             count += len(size)
         sizes.append(np.concatenate(of_time))

@@ -7,6 +7,7 @@ left, some regions for a hundred pixels, is one problem over the whole recording
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -43,6 +44,10 @@ from napari_phase4d.unwrapping.directional.steps import Floors, Opinion, Weighed
 __all__ = ["FIRM", "Field", "Regions", "find_regions"]
 #: How firmly: its weight is that of a step of this roughness, which is that of 100 smooth ones.
 FIRM = -0.268
+#: Other large islands are held as by so many steps of this roughness, in radians, as their width
+#: has pixels: what an object cuts off from the field is field, where its rim tells nothing. The
+#: rim of a sheet does.
+LOOSE = 2.0
 #: As many times more room is made for groups where there is none left.
 ROOM = 1.25
 #: Edges that are collected before those that ask for the same are put together. Nearly all of
@@ -78,7 +83,8 @@ class Regions:
     base : ndarray of int, shape (kept time,)
         Number of the first group of every time.
     fields : ndarray of int
-        Regions that an island of the empty field belongs to, that which is held among them.
+        Regions that the islands which hold the level of frames belong to, that which is held
+        among them.
     """
 
     n: int
@@ -246,10 +252,16 @@ class Joining:
             at, turns, n = n, 0, n + 1
         else:
             at, turns = int(region[held[0]]), int(offset[held[0]] + held[1])
+        loose = np.array(self._grounds.others or np.zeros((0, 3)), dtype=np.int64)
+        costs = [tie_cost(FIRM)] * len(others) + [
+            tie_cost(LOOSE, math.sqrt(pixels)) for pixels in loose[:, 2].tolist()
+        ]
+        tied = np.concatenate([others, loose]) if held is not None else others
         ties = ties_between(
-            np.full(len(others), at, dtype=np.int32),
-            region[others[:, 0]],
-            turns - (offset[others[:, 0]] + others[:, 1]),
+            np.full(len(tied), at, dtype=np.int32),
+            region[tied[:, 0]],
+            (turns - (offset[tied[:, 0]] + tied[:, 1])).astype(np.int64),
+            np.array(costs, dtype=np.int64),
         )
         bunches = bunches_of(self._older, region, offset, n, (at, turns), ties, self._store)
         sizes = np.concatenate(self._sizes)
@@ -355,13 +367,16 @@ def resolved(parent: Index, offset: Index, ids: Index) -> Index:
     return turns
 
 
-def ties_between(first: Index, second: Index, turns: Whole) -> Edges:
+def tie_cost(rough: float, times: float = 1.0) -> int:
+    """Return what some steps of a roughness weigh, in parts of 2^-32, at least 1."""
+    return max(int(np.round(PARTS * times * weight_of(np.array([rough]))[0])), 1)
+
+
+def ties_between(first: Index, second: Index, turns: Whole, costs: Whole) -> Edges:
     """Return edges that hold the empty field of every frame level.
 
     The level of a frame hangs on its own empty field then, not on its neighbours; but not
     beyond doubt, since a plateau inside a cell may be taken for the field.
     """
-    cost = int(np.round(PARTS * weight_of(np.array([FIRM]))[0]))
-    firm = np.full(len(first), cost, dtype=np.int64)
-    rough = np.full(len(first), FIRM, dtype=np.float32)
-    return Edges(first, second, turns.astype(np.int32), firm, firm, rough)
+    rough = np.where(costs >= tie_cost(FIRM), FIRM, LOOSE).astype(np.float32)
+    return Edges(first, second, turns.astype(np.int32), costs, costs, rough)
