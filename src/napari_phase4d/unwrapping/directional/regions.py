@@ -378,5 +378,8 @@ def ties_between(first: Index, second: Index, turns: Whole, costs: Whole) -> Edg
     The level of a frame hangs on its own empty field then, not on its neighbours; but not
     beyond doubt, since a plateau inside a cell may be taken for the field.
     """
-    rough = np.where(costs >= tie_cost(FIRM), FIRM, LOOSE).astype(np.float32)
-    return Edges(first, second, turns.astype(np.int32), costs, costs, rough)
+    firm = costs >= tie_cost(FIRM)
+    rough = np.where(firm, FIRM, LOOSE).astype(np.float32)
+    # Directional growing takes what the field says before all else: not what is loose.
+    ground = np.where(firm, costs, 0)
+    return Edges(first, second, turns.astype(np.int32), costs, ground, rough)
