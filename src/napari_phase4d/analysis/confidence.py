@@ -307,7 +307,8 @@ def by_steps(
     supports = supports_by_steps(seen, wanted, task)
     rival = problem.once("support", lambda: supports["reference"])
     noise, residues = astray(seen, task), level_residues(seen, task)
-    problem.note(FRAMES_LEFT_OUT, problem.frames_left_out() | seen.frames_left_out())
+    if seen is not problem:
+        problem.note(FRAMES_LEFT_OUT, problem.frames_left_out() | seen.frames_left_out())
     balance = problem.once(BALANCE, lambda: balance_of(seen, reference, task))
     empty = seen.background().empty
     blocks = working_blocks(problem.given.shape)

@@ -30,7 +30,6 @@ from napari_phase4d.unwrapping.shared_steps import PLATEAUS
 __all__ = ["every_plateau", "on_its_field", "plateaus_of", "settle_plateaus", "shown_field"]
 
 TURN = 2 * np.pi
-Mask = NDArray[np.bool_]
 Turns = NDArray[np.int16]
 Frame = tuple[int, int]
 #: Turns of each island of what looks empty, by the frame (time, angle); frames without a plateau
