@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 import xarray as xr
 
 import napari_phase4d as p4d
 from helpers import area_under_curve
-from napari_phase4d.simulation import at_wavelengths, moving_shape, step_phantom, with_noise
+from napari_phase4d.simulation import (
+    at_wavelengths,
+    moving_shape,
+    step_phantom,
+    swimming_euglena,
+    with_noise,
+)
 from test_wavelengths import ANGLES, METHOD, PLATES, TURN, TWO, through_optics
 
 
@@ -103,3 +110,43 @@ def test_counts_on_which_wavelengths_agree_by_accident_are_doubted() -> None:
             assert np.median(trust[inside & off]) < 0.6
         assert off[inside & (trust > 0.99)].mean() < most_trusted
     assert found.verdict.startswith("Use WL1")  # whose wrong pixels are a tenth as many
+
+
+def shifted_views(exact: xr.Dataset, down: int, right: int, noise: float) -> xr.Dataset:
+    """Return noisy views of which every second, the longer wavelength, lies off the others."""
+    data = exact.copy()
+    moved = exact["phase"].values.copy()
+    moved[:, 1::2] = np.roll(moved[:, 1::2], (down, right), (-2, -1))
+    data["phase"] = exact["phase"].copy(data=moved)
+    return with_noise(data, noise, seed=3)
+
+
+def cell_at_two() -> xr.Dataset:
+    return at_wavelengths(swimming_euglena((96, 128), 5, peak_rad=12, pixel_um=0.35), TWO)
+
+
+@pytest.mark.parametrize(("down", "right"), [(1, 0), (2, -1), (-6, 4)])
+def test_views_that_lie_off_each_other_are_said_and_not_trusted(down: int, right: int) -> None:
+    """Synthetic was the verdict, and of the pixels it was sure of up to 10 % were wrong."""
+    data = shifted_views(cell_at_two(), down, right, 0.15)
+    with pytest.warns(UserWarning, match="do not lie on each other") as said:
+        found = p4d.compare(data["wrapped"], [METHOD, "directional-l1"])
+    own = [str(w.message) for w in said if "do not lie" in str(w.message)]
+    assert len(own) == 1
+    assert own[0].count(f"0.6328 um lies {down:+d} px down and {right:+d} px right") == 2
+    assert found.verdict.startswith("Use WL1: less than")
+    for method, result in found.results.items():
+        off = np.abs(result.values - data["phase"].values) > np.pi
+        trust = found.confidence(method).values
+        assert off[trust > 0.99].mean() < 1e-4, method
+        assert method != METHOD or off.mean() > 0.005
+
+
+@pytest.mark.parametrize("noise", [0.05, 0.3, 0.7])
+@pytest.mark.parametrize("shape", ["cell", "plates", "empty"])
+def test_views_that_lie_on_each_other_are_not_said_to_be_off(shape: str, noise: float) -> None:
+    """Warnings are errors here."""
+    paths = PLATES if shape == "plates" else (1e-4,)
+    exact = at_wavelengths(step_phantom((96, 120), paths, 2, angles_deg=ANGLES), TWO)
+    data = with_noise(cell_at_two() if shape == "cell" else exact, noise, seed=5)
+    assert p4d.unwrap(data["wrapped"], METHOD).shape == data["phase"].shape

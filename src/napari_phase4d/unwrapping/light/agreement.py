@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from napari_phase4d.compiling import compiled
 from napari_phase4d.stack import Block
+from napari_phase4d.unwrapping.light.alignment import views_apart
 from napari_phase4d.unwrapping.light.steps import SHARED, STAYS
 from napari_phase4d.unwrapping.light.synthetic import Group, groups_of, scene_of
 from napari_phase4d.unwrapping.light.views import noise_between
@@ -45,7 +46,8 @@ def odds_by_wavelengths(problem: Problem, unwrapped: Image, block: Block) -> Ima
     is wrong by one and the same path at all wavelengths, a whole synthetic wavelength, they can't
     tell. Views that say nothing in a frame are not asked. Nor is any view of an angle where one of
     them shows no empty field in that frame: the light of each wavelength drifts by itself, and
-    only the field tells by how much.
+    only the field tells by how much; nor any of an angle whose views are shifted against each
+    other, see `views_apart`: they speak of other places.
 
     Parameters
     ----------
@@ -66,7 +68,11 @@ def odds_by_wavelengths(problem: Problem, unwrapped: Image, block: Block) -> Ima
     scene = scene_of(problem, groups)
     about_zero = unwrapped - scene.ground(block)
     odds = np.zeros_like(unwrapped)
+    shifted = {view for pair in views_apart(problem) for view in pair.views}
     for group in groups:
+        if shifted.intersection(group.views):
+            odds[:, list(group.views)] = np.nan
+            continue
         for time in range(len(unwrapped)):
             seen = group.without(scene.lost[block.start + time])
             views = list(seen.views)

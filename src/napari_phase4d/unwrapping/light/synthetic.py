@@ -18,6 +18,7 @@ from napari_phase4d.unwrapping.chain import temporal_angular
 from napari_phase4d.unwrapping.directional import directional_l1
 from napari_phase4d.unwrapping.frames import border_medians
 from napari_phase4d.unwrapping.given import Given
+from napari_phase4d.unwrapping.light.alignment import warn_of_views_apart
 from napari_phase4d.unwrapping.light.steps import (
     led_to_edges,
     settled_turns,
@@ -104,8 +105,14 @@ def synthetic_wavelength(
     ------
     ValueError
         If an angle has one wavelength only.
+
+    Warns
+    -----
+    UserWarning
+        If views of an angle are shifted against each other by a pixel or more.
     """
     check_wavelengths(problem.wavelengths_um, problem.angles_deg)
+    warn_of_views_apart(problem)
     groups = groups_of(problem, cauchy_um2)
     scene = scene_of(problem, groups)
     unwrapped = None
