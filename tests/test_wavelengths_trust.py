@@ -150,3 +150,46 @@ def test_views_that_lie_on_each_other_are_not_said_to_be_off(shape: str, noise: 
     exact = at_wavelengths(step_phantom((96, 120), paths, 2, angles_deg=ANGLES), TWO)
     data = with_noise(cell_at_two() if shape == "cell" else exact, noise, seed=5)
     assert p4d.unwrap(data["wrapped"], METHOD).shape == data["phase"].shape
+
+
+@pytest.mark.parametrize("side", [16, 32, 48])
+def test_small_frames_of_noise_are_not_said_to_be_off(side: int) -> None:
+    """Warnings are errors here."""
+    for seed in range(6):
+        plates = step_phantom((side, side), (0.4, 0.9), 1, angles_deg=(0.0,))
+        data = with_noise(at_wavelengths(plates, TWO), 0.7, seed=seed)
+        p4d.unwrap(data["wrapped"], METHOD)
+
+
+@pytest.mark.parametrize("tilt", [0.1, 0.5, 1.0])
+def test_views_with_tilts_of_their_own_are_not_said_to_be_off(tilt: float) -> None:
+    """Slopes were asked with the tilt, which lights a cell from opposite sides."""
+    data = with_noise(tilted(cell_at_two(), tilt), 0.1, seed=1)
+    p4d.unwrap(data["wrapped"], METHOD)
+
+
+def test_the_shift_of_views_with_tilts_of_their_own_is_told() -> None:
+    data = shifted_views(tilted(cell_at_two(), 0.8), 2, -1, 0.1)
+    with pytest.warns(UserWarning, match=r"\+2 px down and -1 px right.*\+2 px down and -1 px"):
+        p4d.unwrap(data["wrapped"], METHOD)
+
+
+def tilted(data: xr.Dataset, rad_per_px: float) -> xr.Dataset:
+    """Tilt the views of two wavelengths to opposite sides."""
+    x = np.arange(data.sizes["x"], dtype=np.float32)
+    sides = np.resize([1, -1], data.sizes["angle"]).astype(np.float32)
+    tilt = rad_per_px * sides[:, None, None] * x
+    return data.assign(phase=data["phase"].copy(data=data["phase"].values + tilt))
+
+
+def test_shifts_beyond_what_is_looked_at_are_not_guessed() -> None:
+    """It was said to be 12 pixels, where the looking ends. Warnings are errors here."""
+    p4d.unwrap(shifted_views(cell_at_two(), 30, 20, 0.1)["wrapped"], METHOD)
+
+
+def test_views_that_are_never_seen_together_are_not_compared() -> None:
+    """They raised an IndexError."""
+    phase = cell_at_two()["wrapped"][:4, :2].copy()
+    phase[:2, 0] = phase[2:, 1] = np.nan
+    found = p4d.compare(phase, ["directional-l1"], mask=np.isfinite(phase.values))
+    assert found.confidence("directional-l1").shape == phase.shape

@@ -21,12 +21,15 @@ Image = NDArray[np.float32]
 VIEWS_APART = "views_apart"
 #: Frames that are looked at, evenly over time.
 FRAMES = 8
-#: Slopes must be so much alike where they fit best. Those of noise alone reach 0.12 by chance in
-#: frames of 96 x 120 pixels, and less in larger ones; those of cells and plates have 0.2 to 1.
+#: Slopes must be so much alike where they fit best; those of cells and plates are 0.2 to 1 ...
 ALIKE = 0.15
-#: ... and so many times more than where the views lie. It is 1.03 or more for a shift of one
-#: pixel, and 1.01 for half of one, which is as near as whole pixels tell.
+#: ... or more, if those of noise could be by chance: in n pixels they are about 2.6 / sqrt(n).
+BY_CHANCE = 18.0
+#: They must be so many times more alike than where the views lie. It is 1.03 or more for a shift
+#: of one pixel, and 1.01 for half of one, which is as near as whole pixels tell ...
 ALIKER = 1.02
+#: ... and by so much more, of n pixels again, since noise moves the best place to one beside it.
+MORE_BY_CHANCE = 4.0
 #: Views are looked for within this part of a frame's shorter side: further off, plates of another
 #: height are found, whose walls one wavelength shows and the other does not.
 REACH = 1 / 8
@@ -103,8 +106,8 @@ def found_apart(problem: Problem) -> list[ViewsApart]:
         first, *others = np.flatnonzero(problem.angles_deg == angle).tolist()
         for other in others:
             seen = np.flatnonzero(~lost[:, first] & ~lost[:, other])
-            times = np.unique(seen[np.linspace(0, len(seen) - 1, FRAMES).astype(int)])
-            shift = shift_between(problem, first, other, times.tolist()) if len(seen) else (0, 0)
+            some = np.unique(np.linspace(0, len(seen) - 1, min(FRAMES, len(seen))).astype(int))
+            shift = shift_between(problem, first, other, seen[some].tolist())
             if shift != (0, 0):
                 light = (float(wavelengths[first]), float(wavelengths[other]))
                 found.append(ViewsApart(float(angle), (first, other), light, shift))
@@ -118,27 +121,50 @@ def shift_between(problem: Problem, first: int, other: int, times: list[int]) ->
     height, width = problem.given.shape[2:]
     if min(height, width) < 3:
         return 0, 0
-    power: NDArray[np.complexfloating] | float = 0.0
-    strengths = np.zeros(2)
+    size = [fft.next_fast_len(n - 1, real=True) for n in (height, width)]
+    power = np.zeros((size[0], size[1] // 2 + 1), np.complex128)
+    strengths, n_known = np.zeros(2), 0
     for time in times:
         wrapped, usable = problem.given.read(Block(time, time + 1))
-        both = [slopes(wrapped[0, view], usable[0, view]) for view in (first, other)]
+        known = usable[0, first] & usable[0, other]
+        both = [slopes(wrapped[0, view], known) for view in (first, other)]
         strengths += [float(np.vdot(one, one)) for one in both]
-        spectra = [fft.rfft2(one) for one in both]
-        power = power + np.conj(spectra[0]) * spectra[1]
+        n_known += int(np.count_nonzero(known))
+        spectra = [fft.rfft2(one, s=size) for one in both]
+        power += np.conj(spectra[0]) * spectra[1]
     strength = math.sqrt(strengths.prod())
     if not strength:
         return 0, 0
-    alike = fft.fftshift(fft.irfft2(power, s=(height - 1, width - 1)) / strength)
-    zero = (height - 1) // 2, (width - 1) // 2
+    alike = fft.fftshift(fft.irfft2(power, s=size) / strength)
+    return best_shift(alike, max(1, int(REACH * min(height, width))), 1 / math.sqrt(n_known))
+
+
+def best_shift(alike: NDArray[np.floating], reach: int, chance: float) -> tuple[int, int]:
+    """Return where a cross-correlation is largest, from its middle; 0 if that tells nothing.
+
+    Parameters
+    ----------
+    alike : ndarray of shape (y, x)
+        From -1 to 1; no shift in the middle.
+    reach : int
+        How far to look.
+    chance : float
+        One by the root of the number of pixels that it was computed from.
+    """
+    zero = alike.shape[0] // 2, alike.shape[1] // 2
     here = float(alike[zero])
-    if here >= ALIKE and here >= around(alike, zero, NEAR).max():
+    least = max(ALIKE, BY_CHANCE * chance)
+    if here >= least and here >= around(alike, zero, NEAR).max():
         return 0, 0
-    looked_at = around(alike, zero, max(1, int(REACH * min(height, width))))
+    looked_at = around(alike, zero, reach)
+    far = len(looked_at) // 2
     best = np.unravel_index(int(looked_at.argmax()), looked_at.shape)
-    if looked_at[best] < ALIKE or looked_at[best] < ALIKER * here:
+    most = float(looked_at[best])
+    down, right = (int(i) - far for i in best)
+    # What is largest where the looking ends is largest further off.
+    at_the_end = max(abs(down), abs(right)) == far
+    if at_the_end or most < least or most < max(ALIKER * here, here + MORE_BY_CHANCE * chance):
         return 0, 0
-    down, right = (int(i) - n // 2 for i, n in zip(best, looked_at.shape, strict=True))
     return down, right
 
 
@@ -149,18 +175,19 @@ def around(values: NDArray[np.floating], place: tuple[int, int], reach: int) -> 
     return found
 
 
-def slopes(wrapped: Image, usable: NDArray[np.bool_]) -> Image:
+def slopes(wrapped: Image, known: NDArray[np.bool_]) -> Image:
     """Return how steep the phase of a frame is, less its mean; 0 beside what is not known.
 
-    Its shape is (y - 1, x - 1).
+    A tilt of the frame, which may be another one in each view, is taken off before: it would light
+    hills from one side. The shape is (y - 1, x - 1).
     """
     from scipy import ndimage
 
-    down = wrapped_to_turn(np.diff(wrapped, axis=0))[:, :-1]
-    right = wrapped_to_turn(np.diff(wrapped, axis=1))[:-1]
-    known = usable[:-1, :-1] & usable[1:, :-1] & usable[:-1, 1:]
-    steep = np.where(known, np.hypot(down, right), np.float32(0))
-    steep = ndimage.gaussian_filter(steep, SMOOTH_PX)
-    mean = steep[known].mean() if known.any() else 0.0
-    found: Image = np.where(known, steep - mean, 0).astype(np.float32)
+    known = known[:-1, :-1] & known[1:, :-1] & known[:-1, 1:]
+    if not known.any():
+        return np.zeros(known.shape, np.float32)
+    steps = np.diff(wrapped, axis=0)[:, :-1], np.diff(wrapped, axis=1)[:-1]
+    level = [wrapped_to_turn(step - np.angle(np.exp(1j * step[known]).mean())) for step in steps]
+    steep = ndimage.gaussian_filter(np.where(known, np.hypot(*level), np.float32(0)), SMOOTH_PX)
+    found: Image = np.where(known, steep - steep[known].mean(), 0).astype(np.float32)
     return found
