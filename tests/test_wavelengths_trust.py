@@ -15,6 +15,8 @@ from napari_phase4d.simulation import (
     swimming_euglena,
     with_noise,
 )
+from napari_phase4d.task import Cancelled, Task
+from napari_phase4d.unwrapping import Problem, views_apart
 from test_wavelengths import ANGLES, METHOD, PLATES, TURN, TWO, through_optics
 
 
@@ -193,3 +195,20 @@ def test_views_that_are_never_seen_together_are_not_compared() -> None:
     phase[:2, 0] = phase[2:, 1] = np.nan
     found = p4d.compare(phase, ["directional-l1"], mask=np.isfinite(phase.values))
     assert found.confidence("directional-l1").shape == phase.shape
+
+
+def test_looking_for_shifts_can_be_stopped() -> None:
+    """Of large frames it takes seconds."""
+    problem = Problem(cell_at_two()["wrapped"])
+    problem.lost()
+    asked = 0
+
+    def stop() -> bool:
+        nonlocal asked
+        asked += 1
+        return asked > 2
+
+    with pytest.raises(Cancelled):
+        views_apart(problem, Task(None, stop))
+    assert asked == 3
+    assert views_apart(problem) == []

@@ -45,6 +45,7 @@ from napari_phase4d.unwrapping import (
     on_its_field,
     run_method,
     supports_by_steps,
+    views_apart,
     working_blocks,
 )
 from napari_phase4d.words import warn
@@ -423,6 +424,7 @@ def by_wavelengths(
     task : Task
         Who is told of it, and may stop it.
     """
+    views_apart(problem, task)  # which all blocks ask for, and none could be stopped in
     blocks = working_blocks(problem.given.shape)
     left_out = problem.frames_left_out()
     watch = Watch(len(blocks) * len(results), "weighing the results", task)

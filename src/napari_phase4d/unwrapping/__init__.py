@@ -33,6 +33,7 @@ from napari_phase4d.unwrapping.given import (
 )
 from napari_phase4d.unwrapping.light import ViewsOf, frames_among, views_by_light
 from napari_phase4d.unwrapping.light.agreement import odds_by_wavelengths
+from napari_phase4d.unwrapping.light.alignment import views_apart
 from napari_phase4d.unwrapping.light.synthetic import all_wavelengths_known
 from napari_phase4d.unwrapping.neighbours import both_ends, ends_along
 from napari_phase4d.unwrapping.network_flow import loop_sums
@@ -122,6 +123,7 @@ __all__ = [
     "shrunk",
     "supports_by_steps",
     "unwrap",
+    "views_apart",
     "views_by_light",
     "why_unsuited",
     "working_blocks",

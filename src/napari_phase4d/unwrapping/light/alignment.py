@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.stack import Block
+from napari_phase4d.task import UNWATCHED, Task, Watch
 from napari_phase4d.unwrapping.light.steps import wrapped_to_turn
 from napari_phase4d.unwrapping.problem import Problem
 from napari_phase4d.words import warn
@@ -19,8 +20,9 @@ Image = NDArray[np.float32]
 
 #: Name under which a problem notes what `views_apart` found.
 VIEWS_APART = "views_apart"
-#: Frames that are looked at, evenly over time.
-FRAMES = 8
+#: Frames that are looked at, evenly over time: at most, at least, and as many as have so many
+#: pixels together. Of large frames few are enough, for each has many slopes.
+FRAMES, LEAST_FRAMES, PIXELS = 8, 2, 1_000_000
 #: Slopes must be so much alike where they fit best; those of cells and plates are 0.2 to 1 ...
 ALIKE = 0.15
 #: ... or more, if those of noise could be by chance: in n pixels they are about 2.6 / sqrt(n).
@@ -62,7 +64,7 @@ class ViewsApart:
     shift: tuple[int, int]
 
 
-def views_apart(problem: Problem) -> list[ViewsApart]:
+def views_apart(problem: Problem, task: Task = UNWATCHED) -> list[ViewsApart]:
     """Return which views of an angle lie off its first one by a pixel or more.
 
     The slopes of the phase lie at the same places whatever the wavelength, and wrapping leaves
@@ -75,13 +77,15 @@ def views_apart(problem: Problem) -> list[ViewsApart]:
     ----------
     problem : Problem
         Views of several wavelengths.
+    task : Task, optional
+        Who is told of it, and may stop it.
     """
-    return problem.once(VIEWS_APART, lambda: found_apart(problem))
+    return problem.once(VIEWS_APART, lambda: found_apart(problem, task))
 
 
-def warn_of_views_apart(problem: Problem) -> None:
+def warn_of_views_apart(problem: Problem, task: Task) -> None:
     """Warn of views that lie off each other."""
-    apart = views_apart(problem)
+    apart = views_apart(problem, task)
     if not apart:
         return
     said = "; ".join(
@@ -97,24 +101,31 @@ def warn_of_views_apart(problem: Problem) -> None:
     )
 
 
-def found_apart(problem: Problem) -> list[ViewsApart]:
+def found_apart(problem: Problem, task: Task) -> list[ViewsApart]:
     """Return the same, looked for anew."""
-    wavelengths, lost = problem.wavelengths_um, problem.lost()
+    wavelengths, lost = problem.wavelengths_um, problem.lost(task)
     assert wavelengths is not None
+    _, n_views, height, width = problem.given.shape
+    most = max(LEAST_FRAMES, min(FRAMES, PIXELS // max(height * width, 1)))
+    angles = np.unique(problem.angles_deg)
+    n_pairs = n_views - len(angles)
+    watch = Watch(n_pairs * most, "holding wavelengths against each other", task)
     found = []
-    for angle in np.unique(problem.angles_deg):
+    for angle in angles:
         first, *others = np.flatnonzero(problem.angles_deg == angle).tolist()
         for other in others:
             seen = np.flatnonzero(~lost[:, first] & ~lost[:, other])
-            some = np.unique(np.linspace(0, len(seen) - 1, min(FRAMES, len(seen))).astype(int))
-            shift = shift_between(problem, first, other, seen[some].tolist())
+            some = np.unique(np.linspace(0, len(seen) - 1, min(most, len(seen))).astype(int))
+            shift = shift_between(problem, (first, other), seen[some].tolist(), watch)
             if shift != (0, 0):
                 light = (float(wavelengths[first]), float(wavelengths[other]))
                 found.append(ViewsApart(float(angle), (first, other), light, shift))
     return found
 
 
-def shift_between(problem: Problem, first: int, other: int, times: list[int]) -> tuple[int, int]:
+def shift_between(
+    problem: Problem, views: tuple[int, int], times: list[int], watch: Watch
+) -> tuple[int, int]:
     """Return by how many pixels (down, right) one view lies off another; 0 if it can't be told."""
     from scipy import fft
 
@@ -126,12 +137,13 @@ def shift_between(problem: Problem, first: int, other: int, times: list[int]) ->
     strengths, n_known = np.zeros(2), 0
     for time in times:
         wrapped, usable = problem.given.read(Block(time, time + 1))
-        known = usable[0, first] & usable[0, other]
-        both = [slopes(wrapped[0, view], known) for view in (first, other)]
+        known = usable[0, views[0]] & usable[0, views[1]]
+        both = [slopes(wrapped[0, view], known) for view in views]
         strengths += [float(np.vdot(one, one)) for one in both]
         n_known += int(np.count_nonzero(known))
         spectra = [fft.rfft2(one, s=size) for one in both]
         power += np.conj(spectra[0]) * spectra[1]
+        watch.step()
     strength = math.sqrt(strengths.prod())
     if not strength:
         return 0, 0

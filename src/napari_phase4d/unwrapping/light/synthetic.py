@@ -112,7 +112,7 @@ def synthetic_wavelength(
         If views of an angle are shifted against each other by a pixel or more.
     """
     check_wavelengths(problem.wavelengths_um, problem.angles_deg)
-    warn_of_views_apart(problem)
+    warn_of_views_apart(problem, task)
     groups = groups_of(problem, cauchy_um2)
     scene = scene_of(problem, groups)
     unwrapped = None
