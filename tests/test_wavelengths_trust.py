@@ -137,6 +137,9 @@ def test_views_that_lie_off_each_other_are_said_and_not_trusted(down: int, right
     assert len(own) == 1
     assert own[0].count(f"0.6328 um lies {down:+d} px down and {right:+d} px right") == 2
     assert found.verdict.startswith("Use WL1: less than")
+    place = f"21°, 632.8 nm lies {down:+d} px down and {right:+d} px right of 21°, 532 nm"
+    assert place in found.verdict
+    assert [pair.shift for pair in found.verdict.views_apart] == [(down, right)] * 2
     for method, result in found.results.items():
         off = np.abs(result.values - data["phase"].values) > np.pi
         trust = found.confidence(method).values

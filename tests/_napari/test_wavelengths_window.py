@@ -18,8 +18,10 @@ from napari_phase4d._napari.menus import nanometres
 from napari_phase4d._napari.steps.cells import of_view_number, over_time
 from napari_phase4d._napari.viewing.layers import METADATA_KEY, stack_of_layer
 from napari_phase4d.holography.lobes import pair_distance
+from napari_phase4d.io import write_phase
 from napari_phase4d.simulation import at_wavelengths, multiplexed_video, step_phantom
 from test_wavelengths import ANGLES, CARRIERS, PUPIL, TWO, lobes_of
+from test_wavelengths_trust import METHOD, cell_at_two, shifted_views
 
 pytestmark = [pytest.mark.gui, pytest.mark.story]
 
@@ -123,3 +125,20 @@ def test_curves_of_cells_are_those_of_the_wavelength_on_screen() -> None:
         here = of_view_number(table, labels, view)
         found = over_time(here, "mean phase (rad)", labels["time"].values)
         assert found.tolist() == expected
+
+
+@pytest.mark.thorough
+def test_views_that_lie_off_each_other_are_said_beside_the_results(
+    dock: Any, click: Any, qtbot: Any, tick_only: Any, tmp_path: Path
+) -> None:
+    """A warning of the work is not seen in the window, and the result was called safe."""
+    data = shifted_views(cell_at_two(), 2, 1, 0.15)
+    path = write_phase(tmp_path / "apart.ome.tif", data["wrapped"])
+    dock.recording.open_path(path)
+    qtbot.waitUntil(lambda: not dock.jobs.running, timeout=60_000)
+    tick_only("directional-l1", METHOD)
+    click("run")
+    click("show_confidence")
+    said = " ".join(dock.compare.doubts())
+    assert said.startswith("Use WL1")
+    assert "-7°, 632.8 nm lies +2 px down and +1 px right of -7°, 532 nm" in said

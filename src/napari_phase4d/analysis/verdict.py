@@ -13,7 +13,7 @@ from napari_phase4d.analysis.differences import wrong_cycle_share
 from napari_phase4d.analysis.itoh import order_shares
 from napari_phase4d.analysis.slips import Counts, Tally
 from napari_phase4d.later import xr
-from napari_phase4d.unwrapping import METHODS, Problem
+from napari_phase4d.unwrapping import METHODS, Problem, ViewsApart, views_apart
 from napari_phase4d.words import checked_call, frame_in_words, view_of
 
 __all__ = [
@@ -58,6 +58,8 @@ class Verdict(str):
         Frames (time, angle) that say nothing of the object, or fit neither those before nor after.
     disagreement : DataArray
         Share of each frame's object on which not all methods agree, 0 to 1.
+    views_apart : list of ViewsApart
+        Views of several wavelengths that are shifted against each other.
     """
 
     __slots__ = (
@@ -68,6 +70,7 @@ class Verdict(str):
         "frame",
         "lost_frames",
         "method",
+        "views_apart",
     )
 
     method: str
@@ -76,6 +79,7 @@ class Verdict(str):
     disagreement_percent: float
     lost_frames: list[tuple[int, int]]
     disagreement: xr.DataArray
+    views_apart: list[ViewsApart]
     _words: Words
 
     def on_grid_of(self, phase: xr.DataArray) -> Verdict:
@@ -91,6 +95,7 @@ class Verdict(str):
         found.method, found.doubtful_percent = self.method, self.doubtful_percent
         found.frame, found.lost_frames = self.frame, self.lost_frames
         found.disagreement_percent = self.disagreement_percent
+        found.views_apart = self.views_apart
         found.disagreement = of_frames(self.disagreement.values, phase)
         return found
 
@@ -126,6 +131,8 @@ class Words:
         Frames (time, angle) that say nothing, and that fit neither neighbour.
     shows_field : bool
         Whether any frame shows an empty field.
+    apart : list of ViewsApart
+        Views of several wavelengths that are shifted against each other.
     """
 
     label: str
@@ -139,6 +146,7 @@ class Words:
     lost: list[tuple[int, int]]
     outliers: list[tuple[int, int]]
     shows_field: bool
+    apart: list[ViewsApart]
 
     def __call__(self, stack: xr.DataArray) -> str:
         """Return the sentence for a stack that has these frames."""
@@ -147,6 +155,7 @@ class Words:
             where_words(frame_in_words(stack, *self.frame), self.most, self.n_results),
             view_words(self.doubtful, self.inside, stack),
             "" if self.shows_field else NO_FIELD,
+            apart_words(self.apart, stack),
             better_words(self.own, self.doubt),
             lost_words(self.lost, stack, self.inside.size),
             outlier_words(self.outliers, stack),
@@ -207,14 +216,26 @@ def verdict_on(
         lost=lost,
         outliers=outliers,
         shows_field=tally.shows_field,
+        apart=views_apart(problem),
     )
     found = Verdict(words(phase))
-    found._words = words
+    found._words, found.views_apart = words, words.apart
     found.method, found.doubtful_percent = best, 100 * doubt[best]
     found.frame = frame if most > 0 else None
     found.disagreement_percent, found.lost_frames = 100 * most, sorted(lost + outliers)
     found.disagreement = of_frames(values, phase)
     return found
+
+
+def apart_words(apart: list[ViewsApart], stack: xr.DataArray) -> str:
+    """Say which views of several wavelengths lie off each other, at the angles of a stack."""
+    if not apart:
+        return ""
+    said = ", and ".join(
+        f"{view_of(stack, pair.views[1])} {pair.place} {view_of(stack, pair.views[0])}"
+        for pair in apart
+    )
+    return f"Views do not lie on each other: {said}; Synthetic goes wrong there."
 
 
 def of_frames(values: NDArray[np.float64], template: xr.DataArray) -> xr.DataArray:

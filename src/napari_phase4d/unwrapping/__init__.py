@@ -33,7 +33,7 @@ from napari_phase4d.unwrapping.given import (
 )
 from napari_phase4d.unwrapping.light import ViewsOf, frames_among, views_by_light
 from napari_phase4d.unwrapping.light.agreement import odds_by_wavelengths
-from napari_phase4d.unwrapping.light.alignment import views_apart
+from napari_phase4d.unwrapping.light.alignment import ViewsApart, views_apart
 from napari_phase4d.unwrapping.light.synthetic import all_wavelengths_known
 from napari_phase4d.unwrapping.neighbours import both_ends, ends_along
 from napari_phase4d.unwrapping.network_flow import loop_sums
@@ -84,6 +84,7 @@ __all__ = [
     "Residues",
     "SharedSteps",
     "Support",
+    "ViewsApart",
     "ViewsOf",
     "all_options",
     "all_wavelengths_known",

@@ -233,9 +233,9 @@ class CompareStep(Step):
             button.setChecked(name == self.presenter.showing)
 
     def doubts(self) -> Sequence[str]:
-        """Return what the verdict says, where no result is safe, and which may have slipped."""
+        """Return what the verdict says, where it warns, and which may have slipped."""
         verdict = self.session.verdict
-        unsafe = not getattr(verdict, "is_safe", True)
+        unsafe = not getattr(verdict, "is_safe", True) or getattr(verdict, "views_apart", [])
         best = getattr(verdict, "method", "")
         slipped = self.session.warnings.get(best, "")
         return [words for words in (verdict if unsafe else "", slipped) if words]

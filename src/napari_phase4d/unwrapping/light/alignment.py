@@ -63,6 +63,11 @@ class ViewsApart:
     wavelengths_um: tuple[float, float]
     shift: tuple[int, int]
 
+    @property
+    def place(self) -> str:
+        """Where the second lies, in words between the two."""
+        return f"lies {self.shift[0]:+d} px down and {self.shift[1]:+d} px right of"
+
 
 def views_apart(problem: Problem, task: Task = UNWATCHED) -> list[ViewsApart]:
     """Return which views of an angle lie off its first one by a pixel or more.
@@ -76,7 +81,7 @@ def views_apart(problem: Problem, task: Task = UNWATCHED) -> list[ViewsApart]:
     Parameters
     ----------
     problem : Problem
-        Views of several wavelengths.
+        Where not every angle has several wavelengths, there is none to find.
     task : Task, optional
         Who is told of it, and may stop it.
     """
@@ -89,8 +94,7 @@ def warn_of_views_apart(problem: Problem, task: Task) -> None:
     if not apart:
         return
     said = "; ".join(
-        f"at angle {pair.angle_deg:g}, {pair.wavelengths_um[1]:g} um lies "
-        f"{pair.shift[0]:+d} px down and {pair.shift[1]:+d} px right of "
+        f"at angle {pair.angle_deg:g}, {pair.wavelengths_um[1]:g} um {pair.place} "
         f"{pair.wavelengths_um[0]:g} um"
         for pair in apart
     )
@@ -103,8 +107,10 @@ def warn_of_views_apart(problem: Problem, task: Task) -> None:
 
 def found_apart(problem: Problem, task: Task) -> list[ViewsApart]:
     """Return the same, looked for anew."""
-    wavelengths, lost = problem.wavelengths_um, problem.lost(task)
-    assert wavelengths is not None
+    wavelengths = problem.wavelengths_um
+    if wavelengths is None or len(np.unique(wavelengths)) < 2:
+        return []
+    lost = problem.lost(task)
     _, n_views, height, width = problem.given.shape
     most = max(LEAST_FRAMES, min(FRAMES, PIXELS // max(height * width, 1)))
     angles = np.unique(problem.angles_deg)
