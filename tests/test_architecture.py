@@ -23,6 +23,7 @@ ALLOWED = {
     "optics": set(),
     "phasors": set(),
     "task": set(),
+    "warned": set(),
     "words": set(),
     "stacks": set(),
     "stack": {"stacks"},
@@ -72,7 +73,7 @@ INNER = {
     "__init__": set(),
 }
 #: Modules that import nothing of ours, so that every room may use them.
-LEAVES = {"compiling", "later", "machine", "words"}
+LEAVES = {"compiling", "later", "machine", "warned", "words"}
 #: The place where stacks come in imports leaves only, so that every room above may ask it.
 INTAKE = "stacks"
 #: Libraries that take from 5 to 300 ms to load, of what naming, asking and opening do without.

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from napari_phase4d.warned import warn
 from napari_phase4d.words import (
     as_numbers,
     check_finite,
     check_number,
     check_positive,
     shown,
-    warn,
 )
 
 __all__ = [

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from napari_phase4d.later import xr
 from napari_phase4d.optics import Optics, pixel_note
 from napari_phase4d.stacks import PLAIN_AXES, coordinate
-from napari_phase4d.words import check_type, shown, warn
+from napari_phase4d.warned import warn
+from napari_phase4d.words import check_type, shown
 
 __all__ = ["BrokenFrameError", "Recording", "one_frame", "reader_of", "remember_reader"]
 

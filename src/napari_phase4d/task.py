@@ -14,6 +14,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sized
 from concurrent.futures import Future, ThreadPoolExecutor, wait
+from contextvars import copy_context
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -222,7 +223,7 @@ def in_threads(
     pool = ThreadPoolExecutor(workers, THREADS)
     try:
         while batch := list(islice(source, size)):
-            waiting.append(pool.submit(done_batch, work, batch, stopped))
+            waiting.append(pool.submit(copy_context().run, done_batch, work, batch, stopped))
             if len(waiting) >= most:
                 done = finished(waiting.popleft(), watch)
                 yield from counted(done, watch)
@@ -309,7 +310,7 @@ def watched(work: Callable[[], R], watch: Watch) -> R:
     watch.check()
     pool = ThreadPoolExecutor(1, THREADS)
     try:
-        return finished(pool.submit(work), watch)
+        return finished(pool.submit(copy_context().run, work), watch)
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
 

@@ -7,8 +7,6 @@ import inspect
 import math
 import os
 import re
-import sys
-import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import islice
 from numbers import Integral, Real
@@ -48,7 +46,6 @@ __all__ = [
     "view_in_words",
     "view_of",
     "views_are_numbered",
-    "warn",
     "wavelengths_of_views",
 ]
 
@@ -189,7 +186,6 @@ def counted(number: object, what: str) -> str:
 SCHEME = re.compile(r"(https?|s3):/{1,2}(?=[^/])", re.IGNORECASE)
 #: Kinds of letters that are not seen but steer: control, format, surrogates, ends of lines.
 STEERING = {"Cc", "Cf", "Cs", "Zl", "Zp"}
-PACKAGE = str(Path(__file__).resolve().parent)
 
 
 def check_number(name: str, value: Any) -> float:
@@ -559,19 +555,6 @@ def shown(value: Any) -> str:
         return f"{type(value).__name__} of shape {getattr(value, 'shape', ())}"
     line = " ".join(repr(value).split())
     return line if len(line) <= 80 else f"{line[:77]}..."
-
-
-def warn(sentence: str) -> None:
-    """Warn of what is probably wrong, at the line outside of this package that asked for it."""
-    level, frame = 1, sys._getframe()
-    while frame.f_back is not None and is_ours(frame.f_code.co_filename):
-        level, frame = level + 1, frame.f_back
-    warnings.warn(sentence, UserWarning, stacklevel=level)
-
-
-def is_ours(file: str) -> bool:
-    """Say whether code is of this package, or made by a dataclass."""
-    return file.startswith((PACKAGE + os.sep, "<string>"))
 
 
 #: Faults whose sentence is for the user.

@@ -32,7 +32,7 @@ from qtpy.QtWidgets import (
 
 from napari_phase4d._napari.beginning import binding_advice, get_ready
 from napari_phase4d._napari.jobs import Jobs, TimeLeft, in_words, sentence_of
-from napari_phase4d._napari.session import StepState, step_states
+from napari_phase4d._napari.session import Plan, StepNumber, StepState, step_states
 from napari_phase4d._napari.steps import (
     CompareStep,
     LobesStep,
@@ -366,6 +366,7 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         self.jobs.cancelled.connect(self._cancelled)
         self.jobs.failed.connect(self._failed)
         self.jobs.idle.connect(self._nothing_runs)
+        self.jobs.warned.connect(self._warned)
         session = self.session
         session.recording_changed.connect(self._recording_opened)
         session.reconstruction_changed.connect(self._reconstructed)
@@ -397,10 +398,23 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
     def _show_states(self) -> None:
         """Say at each heading how far its step is."""
         states = step_states(self.session)
-        for section, step, state in zip(self.sections, self.steps, states, strict=True):
-            doubts = step.doubts() if state == StepState.DONE else ()
+        numbered = zip(StepNumber, self.sections, self.steps, states, strict=True)
+        for number, section, step, state in numbered:
+            said = step.doubts()
+            heard = self.session.heard.of(number, said)
+            step.show_heard(heard)
+            doubts = (*said, *heard) if state == StepState.DONE else ()
             colour, words, meaning = LOOKS[StepState.DOUBTED if doubts else state]
             section.set_state(colour, words, "\n".join(doubts) or meaning)
+
+    def _warned(self, plan: Plan, sentences: list[str], ended: bool) -> None:
+        """Say at its step what work has warned of, and at the foot if it is waited for."""
+        heard = self.session.heard
+        (heard.take if ended else heard.add)(plan.step, plan.title, sentences)
+        self._show_states()
+        new = heard.of(plan.step, self.steps[plan.step].doubts())
+        if ended and not plan.gives_way and new:
+            self._next_words = f"⚠ {new[0]} {self._next_words}"
 
     def _started(self, title: str) -> None:
         self._next_words = ""

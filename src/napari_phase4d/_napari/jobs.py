@@ -7,14 +7,16 @@ import os
 import sys
 import threading
 import time
+import warnings
 import weakref
 from collections.abc import Callable, Hashable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
 from napari.qt.threading import FunctionWorker, create_worker
+from napari.utils.notifications import show_warning
 from psygnal import EmitLoopError
 from qtpy.QtCore import QObject, QThreadPool, QTimer, Signal
 from qtpy.QtWidgets import QWidget
@@ -22,8 +24,9 @@ from qtpy.QtWidgets import QWidget
 from napari_phase4d._napari.session import Changed, Plan
 from napari_phase4d._napari.turns import Steps, Turns, exhaust
 from napari_phase4d.task import Cancelled, Task
+from napari_phase4d.warned import hearing
 
-__all__ = ["Jobs", "Latest", "TimeLeft", "in_words", "sentence_of"]
+__all__ = ["HOOK", "Ended", "Jobs", "Latest", "TimeLeft", "in_words", "sentence_of"]
 
 TELL_EVERY_MS = 100
 #: While results come up on screen.
@@ -39,10 +42,11 @@ NICENESS = 7
 
 @dataclass
 class Ended:
-    """How a piece of work ended: with a result or with an error."""
+    """How a piece of work ended: with a result or with an error; what it warned of so far."""
 
     result: Any = None
     error: Exception | None = None
+    heard: list[str] = field(default_factory=list)
 
     def do(self, work: Callable[[Task], Any], task: Task) -> None:
         """Do the work, and keep what comes of it.
@@ -50,7 +54,8 @@ class Ended:
         The worker's own signal for errors fails on PySide6.
         """
         try:
-            self.result = work(task)
+            with hearing(self.heard):
+                self.result = work(task)
         except Exception as error:
             self.error = error
         except BaseException as error:  # as SystemExit, of which nobody would hear in a thread
@@ -88,6 +93,8 @@ class Jobs(QObject):  # type: ignore[misc]
         been received; `cancelled` says whether parts of it have.
     idle(str)
         Nothing runs any more; the title of the work that gives way which failed, or "".
+    warned(Plan, list, bool)
+        What work has warned of so far; whether it has ended, and that is all.
     """
 
     started = Signal(str)
@@ -96,6 +103,7 @@ class Jobs(QObject):  # type: ignore[misc]
     cancelled = Signal(str, bool)
     failed = Signal(str)
     idle = Signal(str)
+    warned = Signal(object, list, bool)
 
     def __init__(self, parent: QObject | None = None, turns: Turns | None = None) -> None:
         super().__init__(parent)
@@ -109,6 +117,8 @@ class Jobs(QObject):  # type: ignore[misc]
         self._worker: FunctionWorker | None = None
         self._then: Callable[[], None] | None = None
         self._latest: tuple[int, int, str] | None = None
+        self._heard: list[str] = []
+        self._told = 0
         # The window is told now and then: painting at every step would hold up the work.
         self._look = QTimer(self)
         self._look.setInterval(TELL_EVERY_MS)
@@ -167,12 +177,12 @@ class Jobs(QObject):  # type: ignore[misc]
 
         work = partial(ended.do, plan.work, Task(report, stop.is_set))
         gate = self._gate
-        worker = create_worker(giving_way, work, gate, _start_thread=False, _ignore_errors=True)
+        worker = new_worker(work, gate)
         worker.returned.connect(
             lambda _: None if gate.closed else self._returned(worker, plan, ended)
         )
         self._worker, self._plan, self._then = worker, plan, then
-        self._latest = None
+        self._latest, self._heard, self._told = None, ended.heard, 0
         if not plan.gives_way:
             self.job_asked_by = self.asked_by
             self.started.emit(plan.title)
@@ -206,9 +216,16 @@ class Jobs(QObject):  # type: ignore[misc]
         latest, self._latest = self._latest, None
         if latest is not None and self.running:
             self.progressed.emit(*latest)
+        if self._plan is not None and self._told < len(self._heard):
+            self._tell_heard(self._plan, ended=False)
         # One that is still coming up is not held up by the next.
         if self.running and self._plan is not None and not self._turns.pending:
             self._take_part(self._plan)
+
+    def _tell_heard(self, plan: Plan, *, ended: bool) -> None:
+        """Tell what the work has warned of so far."""
+        self._told = len(self._heard)
+        self.warned.emit(plan, self._heard[: self._told], ended)
 
     def _returned(self, worker: FunctionWorker, plan: Plan, ended: Ended) -> None:
         if worker is not self._worker:
@@ -258,6 +275,8 @@ class Jobs(QObject):  # type: ignore[misc]
             self._after_a_turn(again)
             return
         self._worker = None
+        if not stopped or has_parts:
+            self._tell_heard(plan, ended=True)
         if not plan.gives_way:
             if stopped:
                 self.cancelled.emit(plan.title, has_parts)
@@ -290,6 +309,56 @@ class Jobs(QObject):  # type: ignore[misc]
             # What has changed meanwhile can be tried again; a real error can't.
             again = isinstance(error, Changed) or not plan.gives_way
             self.idle.emit("" if again else plan.title)
+
+
+def new_worker(work: Callable[[], None], gate: Gate) -> FunctionWorker:
+    """Return a worker of napari, which asks before it closes while one is under way."""
+    worker = create_worker(giving_way, work, gate, _start_thread=False, _ignore_errors=True)
+    HOOK.lend(worker)
+    return worker
+
+
+class Hook:
+    """Python's hook for warnings, which each worker replaces, for all threads, by its own.
+
+    What comes there is of other packages, since own work is heard, see `hearing`; nobody else
+    listens. Of two workers that overlap, the hook of the first is left for good.
+    """
+
+    def __init__(self) -> None:
+        #: Kept, since the last signal of one that is gone is lost.
+        self._lent: set[FunctionWorker] = set()
+        self._before = warnings.showwarning
+        self._seen: set[tuple[str, type[Warning]]] = set()
+
+    def lend(self, worker: FunctionWorker) -> None:
+        """Let a worker replace the hook, and have it back when the last one has ended."""
+        if not self._is_workers():
+            self._before = warnings.showwarning
+        self._lent.add(worker)
+        worker.warned.connect(self._show)
+        worker.finished.connect(partial(self._take_back, worker))
+
+    def _take_back(self, worker: FunctionWorker) -> None:
+        self._lent.discard(worker)
+        if not self._lent and self._is_workers():
+            warnings.showwarning = self._before
+
+    def _is_workers(self) -> bool:
+        """Say whether the hook is that of a worker."""
+        return str(getattr(warnings.showwarning, "__module__", "")).startswith("superqt")
+
+    def _show(self, warning: tuple[Any, ...]) -> None:
+        """Show what is warned of, once, unless it is for who writes programs."""
+        sentence, kind = str(warning[0]), warning[1]
+        if (sentence, kind) not in self._seen and not issubclass(kind, FOR_DEVELOPERS):
+            self._seen.add((sentence, kind))
+            show_warning(sentence)
+
+
+#: What Python does not show of itself either.
+FOR_DEVELOPERS = (DeprecationWarning, PendingDeprecationWarning, ImportWarning, ResourceWarning)
+HOOK = Hook()
 
 
 def giving_way(work: Callable[[], None], gate: Gate) -> None:
@@ -454,9 +523,7 @@ class Latest(QObject):  # type: ignore[misc]
         stop = gate.stop = threading.Event()
 
         work = partial(ended.do, question.work, Task(None, stop.is_set))
-        self._worker = create_worker(
-            giving_way, work, gate, _start_thread=False, _ignore_errors=True
-        )
+        self._worker = new_worker(work, gate)
         self._worker.returned.connect(
             lambda _: None if gate.closed else self._ended(question, stop, ended)
         )

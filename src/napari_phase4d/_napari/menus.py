@@ -10,10 +10,10 @@ import numpy as np
 import pint
 from napari.layers import Image
 from napari.qt.threading import create_worker
-from napari.utils.notifications import show_error, show_info
+from napari.utils.notifications import show_error, show_info, show_warning
 from napari.viewer import Viewer
 
-from napari_phase4d._napari.jobs import sentence_of
+from napari_phase4d._napari.jobs import HOOK, Ended, sentence_of
 from napari_phase4d._napari.preferences import (
     own_optics,
     own_refraction_increment,
@@ -52,6 +52,7 @@ from napari_phase4d.pipeline import Recipe
 from napari_phase4d.recording import Recording
 from napari_phase4d.sample import CELLS, EUGLENA, cells_sample, euglena_sample, yeast_sample
 from napari_phase4d.stacks import AXES, PLAIN_AXES, wavelengths_of
+from napari_phase4d.task import UNWATCHED
 from napari_phase4d.unwrapping import METHODS, unwrap
 
 __all__ = [
@@ -359,24 +360,25 @@ def on_selected(
         show_error(f"Select a layer with {wanted} first; Plugins > Phase 4D makes one.")
         return None
 
-    def guarded() -> LayerTuple | Exception:
-        # The worker's own signal for errors fails on PySide6.
-        try:
-            return work(layer)
-        except Exception as error:
-            return error
+    ended = Ended()
 
-    def receive(found: LayerTuple | Exception) -> None:
+    def guarded() -> None:
+        ended.do(lambda _: work(layer), UNWATCHED)
+
+    def receive(_: object) -> None:
         if not is_open(viewer):  # it was closed meanwhile: nobody waits any more
             return
-        if isinstance(found, Exception):
-            show_error(sentence_of(found))
+        if ended.error is not None:
+            show_error(sentence_of(ended.error))
             return
-        data, keywords, _ = found
+        for sentence in ended.heard:
+            show_warning(sentence)
+        data, keywords, _ = ended.result
         viewer.add_image(data, **keywords)
         show_info(f"{title}: done.")
 
     worker = create_worker(guarded, _start_thread=False, _progress={"desc": title})
+    HOOK.lend(worker)
     worker.returned.connect(receive)
     worker.start()
     return worker

@@ -19,7 +19,7 @@ from napari_phase4d.stack import parts_over_time
 from napari_phase4d.stacks import WAVELENGTH, wavelengths_of
 from napari_phase4d.task import Watch, in_threads
 from napari_phase4d.unwrapping import noise_of
-from napari_phase4d.words import warn
+from napari_phase4d.warned import warn
 
 __all__ = ["NoCellsError", "path_scale", "table_of_cells"]
 

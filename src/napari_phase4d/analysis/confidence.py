@@ -48,7 +48,7 @@ from napari_phase4d.unwrapping import (
     views_apart,
     working_blocks,
 )
-from napari_phase4d.words import warn
+from napari_phase4d.warned import warn
 
 __all__ = [
     "REFERENCE",

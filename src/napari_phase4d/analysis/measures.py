@@ -27,7 +27,14 @@ from napari_phase4d.stacks import (
     wavelengths_of,
 )
 from napari_phase4d.task import CancelledCall, ProgressCall, Task, Watch
-from napari_phase4d.words import as_numbers, check_bool, check_number, is_list, shown, warn
+from napari_phase4d.warned import warn
+from napari_phase4d.words import (
+    as_numbers,
+    check_bool,
+    check_number,
+    is_list,
+    shown,
+)
 
 __all__ = ["measure", "polygon_mask", "region_masks"]
 

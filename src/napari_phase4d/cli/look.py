@@ -52,7 +52,13 @@ from napari_phase4d.unwrapping import (
     scores_sentence,
     unwrap,
 )
-from napari_phase4d.words import counted, printable, size_in_words, time_in_words, warn
+from napari_phase4d.warned import warn
+from napari_phase4d.words import (
+    counted,
+    printable,
+    size_in_words,
+    time_in_words,
+)
 
 __all__ = ["info", "look"]
 

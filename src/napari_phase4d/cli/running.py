@@ -69,7 +69,8 @@ from napari_phase4d.sample import is_sample
 from napari_phase4d.stacks import wavelengths_of
 from napari_phase4d.task import Task
 from napari_phase4d.unwrapping import METHODS, methods_for
-from napari_phase4d.words import counted, printable, warn
+from napari_phase4d.warned import warn
+from napari_phase4d.words import counted, printable
 
 __all__ = ["compare_command", "run_command", "watch_command"]
 

@@ -27,7 +27,8 @@ from napari_phase4d.later import xr
 from napari_phase4d.recording import BrokenFrameError, Recording
 from napari_phase4d.stacks import PLAIN_AXES, looks_wrapped
 from napari_phase4d.task import Task, Watch, in_threads
-from napari_phase4d.words import is_table, shown, warn
+from napari_phase4d.warned import warn
+from napari_phase4d.words import is_table, shown
 
 __all__ = [
     "BACKGROUND_ORDERS",

@@ -38,6 +38,7 @@ from napari_phase4d.holography.spectrum import (
 )
 from napari_phase4d.recording import Recording
 from napari_phase4d.task import CancelledCall, ProgressCall, Task, Watch, in_threads
+from napari_phase4d.warned import warn
 from napari_phase4d.words import (
     as_numbers,
     check_bool,
@@ -45,7 +46,6 @@ from napari_phase4d.words import (
     check_type,
     counted,
     shown,
-    warn,
 )
 
 __all__ = ["FoundLobes", "find_lobes", "views_doubt"]

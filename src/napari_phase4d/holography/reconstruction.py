@@ -52,7 +52,14 @@ from napari_phase4d.later import xr
 from napari_phase4d.optics import Optics
 from napari_phase4d.recording import Recording
 from napari_phase4d.task import UNWATCHED, CancelledCall, ProgressCall, Task, Watch, in_threads
-from napari_phase4d.words import check_bool, check_number, has_parts, is_list, shown, warn
+from napari_phase4d.warned import warn
+from napari_phase4d.words import (
+    check_bool,
+    check_number,
+    has_parts,
+    is_list,
+    shown,
+)
 
 __all__ = [
     "FEW_LOST",

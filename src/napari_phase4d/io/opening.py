@@ -48,7 +48,13 @@ from napari_phase4d.stacks import (
     times_in_s,
     with_coordinates,
 )
-from napari_phase4d.words import as_path, check_type, is_table, printable, warn
+from napari_phase4d.warned import warn
+from napari_phase4d.words import (
+    as_path,
+    check_type,
+    is_table,
+    printable,
+)
 
 __all__ = [
     "JOINED_SUFFIXES",

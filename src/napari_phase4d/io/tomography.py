@@ -12,6 +12,7 @@ from napari_phase4d.io.atomic import written_whole
 from napari_phase4d.later import xr
 from napari_phase4d.optics import Optics
 from napari_phase4d.stacks import AXES, on_grid_of, pixel_um, unwrapped_stack, wavelengths_of
+from napari_phase4d.warned import warn
 from napari_phase4d.words import (
     advised_call,
     as_numbers,
@@ -19,7 +20,6 @@ from napari_phase4d.words import (
     counted,
     local_path,
     shown,
-    warn,
 )
 
 __all__ = ["sinogram", "write_sinogram"]

@@ -38,7 +38,8 @@ from napari_phase4d.unwrapping import (
     for_what_comes,
     scores_of_some,
 )
-from napari_phase4d.words import counted, warn
+from napari_phase4d.warned import warn
+from napari_phase4d.words import counted
 
 __all__ = [
     "FIRST_FRAMES",

@@ -68,7 +68,8 @@ from napari_phase4d.unwrapping import (
 from napari_phase4d.unwrapping.directional.least_turns import sink_side
 from napari_phase4d.unwrapping.given import all_known, checked_boundaries
 from napari_phase4d.unwrapping.growing.rows import integrated
-from napari_phase4d.words import advised_call, sentence_of, warn
+from napari_phase4d.warned import warn
+from napari_phase4d.words import advised_call, sentence_of
 
 __all__ = [
     "Outcome",

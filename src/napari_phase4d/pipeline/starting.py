@@ -28,7 +28,8 @@ from napari_phase4d.sample import is_sample, open_sample
 from napari_phase4d.stacks import wavelengths_of
 from napari_phase4d.task import UNWATCHED, Task
 from napari_phase4d.unwrapping import best_frame, scores_of_some, scores_sentence
-from napari_phase4d.words import checked_call, counted, frame_in_words, warn
+from napari_phase4d.warned import warn
+from napari_phase4d.words import checked_call, counted, frame_in_words
 
 __all__ = [
     "FOUND_BY",

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.later import xr
-from napari_phase4d.words import warn
+from napari_phase4d.warned import warn
 
 __all__ = [
     "AXES",

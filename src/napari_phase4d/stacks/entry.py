@@ -30,7 +30,8 @@ from napari_phase4d.stacks.notes import (
     views_in_order,
     with_light,
 )
-from napari_phase4d.words import shown, warn
+from napari_phase4d.warned import warn
+from napari_phase4d.words import shown
 
 __all__ = [
     "as_stack",

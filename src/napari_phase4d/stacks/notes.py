@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from napari_phase4d.later import xr
 from napari_phase4d.stacks.coordinates import WAVELENGTH, factor_to, some
-from napari_phase4d.words import as_numbers, check_number, warn
+from napari_phase4d.warned import warn
+from napari_phase4d.words import as_numbers, check_number
 
 __all__ = [
     "KIND",

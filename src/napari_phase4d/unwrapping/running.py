@@ -33,7 +33,8 @@ from napari_phase4d.unwrapping.light.synthetic import check_wavelengths
 from napari_phase4d.unwrapping.objects import left_out_advice, left_out_note
 from napari_phase4d.unwrapping.problem import Problem
 from napari_phase4d.unwrapping.registry import METHODS, Option
-from napari_phase4d.words import shown, warn
+from napari_phase4d.warned import warn
+from napari_phase4d.words import shown
 
 __all__ = [
     "ONE_OF",

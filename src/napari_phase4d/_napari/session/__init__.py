@@ -5,6 +5,7 @@ from napari_phase4d._napari.session.cell_plans import (
     plan_cells,
     with_their_cells,
 )
+from napari_phase4d._napari.session.history import StepNumber, as_sentence
 from napari_phase4d._napari.session.live_plans import LiveView, plan_watching
 from napari_phase4d._napari.session.opening import Opened
 from napari_phase4d._napari.session.phase_plans import (
@@ -38,7 +39,9 @@ __all__ = [
     "Opened",
     "Plan",
     "Session",
+    "StepNumber",
     "StepState",
+    "as_sentence",
     "folder_without_results",
     "plan_cell_by_methods",
     "plan_cells",

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from napari_phase4d._napari.session.history import StepNumber
 from napari_phase4d._napari.session.phase_plans import Plan
 from napari_phase4d._napari.session.state import State
 from napari_phase4d.io import FromCamera
@@ -229,6 +230,7 @@ def plan_watching(
         receive,
         parts=newest,
         receive_part=partial(state.live_changed.emit),
+        step=StepNumber.RECORDING,
     )
 
 

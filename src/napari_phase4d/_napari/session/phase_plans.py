@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from queue import Empty
 from typing import Any, Protocol
 
+from napari_phase4d._napari.session.history import StepNumber
 from napari_phase4d._napari.session.opening import Opened, TruthCall, open_anything
 from napari_phase4d._napari.session.state import State
 from napari_phase4d.analysis import noise_figures
@@ -72,6 +73,8 @@ class Plan:
         ``receive_part`` in the window's thread, at the latest before the whole is received.
     receive_part : callable, optional
         Takes one of them into the session.
+    step : StepNumber
+        Where it is said what the work warned of.
     """
 
     title: str
@@ -82,6 +85,7 @@ class Plan:
     keeps_parts: bool = False
     parts: Parts | None = None
     receive_part: Callable[[Any], None] | None = None
+    step: StepNumber = StepNumber.COMPARE
 
     def next_part(self) -> bool:
         """Take one finished part into the session; return whether there was one."""
@@ -118,7 +122,7 @@ def plan_opening(
     def work(task: Task) -> Opened:
         return open_anything(source, content, raw)
 
-    return Plan(title or "Opening", work, state.take, cancellable=False)
+    return Plan(title or "Opening", work, state.take, cancellable=False, step=StepNumber.RECORDING)
 
 
 def plan_lobes(state: State) -> Plan:
@@ -150,7 +154,7 @@ def plan_lobes(state: State) -> Plan:
         state.found = lobes
         state.set_lobes(with_known_views(lobes, recipe.lobes))
 
-    return Plan("Finding the lobes", work, receive)
+    return Plan("Finding the lobes", work, receive, step=StepNumber.LOBES)
 
 
 def looked_at(recording: Recording, task: Task) -> tuple[xr.DataArray, str]:
@@ -201,7 +205,7 @@ def plan_spectrum(state: State) -> Plan:
             state.spectrum, state.lost = found
             state.spectrum_changed.emit()
 
-    return Plan("Computing the spectrum", work, receive, gives_way=True)
+    return Plan("Computing the spectrum", work, receive, gives_way=True, step=StepNumber.LOBES)
 
 
 def with_known_views(found: Sequence[Lobe], known: Sequence[Lobe]) -> list[Lobe]:
@@ -256,7 +260,7 @@ def plan_reconstruction(state: State) -> Plan:
             state.update(refocus_um=used.refocus_um)
         state.set_reconstruction(data, used)
 
-    return Plan("Reconstructing", work, receive)
+    return Plan("Reconstructing", work, receive, step=StepNumber.PHASE)
 
 
 def plan_focus(state: State) -> Plan:
@@ -278,7 +282,7 @@ def plan_focus(state: State) -> Plan:
         state.focus = focus
         state.update(refocus_um=round(focus.distance_um, 2))
 
-    return Plan("Looking for the focus", work, receive)
+    return Plan("Looking for the focus", work, receive, step=StepNumber.PHASE)
 
 
 def plan_noise(state: State) -> Plan:
@@ -299,7 +303,7 @@ def plan_noise(state: State) -> Plan:
         state.noise = noise
         state.noise_changed.emit()
 
-    return Plan("Measuring the noise", work, receive, gives_way=True)
+    return Plan("Measuring the noise", work, receive, gives_way=True, step=StepNumber.PHASE)
 
 
 def known_truth(truth_for: TruthCall | None, phase: xr.DataArray) -> xr.DataArray | None:

@@ -15,6 +15,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from napari_phase4d._napari.session.history import StepNumber
 from napari_phase4d._napari.session.phase_plans import Plan
 from napari_phase4d._napari.session.state import TIME_FIELDS, Changed, State, phase_is_stale
 from napari_phase4d.analysis import (
@@ -153,6 +154,7 @@ def plan_unwrapping(state: State, methods: Sequence[str] | None = None) -> Plan:
         keeps_parts=True,
         parts=parts,
         receive_part=lambda part: state.take_finished(data, *part),
+        step=StepNumber.UNWRAP,
     )
 
 
@@ -198,7 +200,7 @@ def plan_scores(state: State, *, unasked: bool = False) -> Plan:
         state.scores, state.scored_by = scores, reference
         state.scores_changed.emit()
 
-    return Plan("Scoring the frames", work, receive, gives_way=unasked)
+    return Plan("Scoring the frames", work, receive, gives_way=unasked, step=StepNumber.UNWRAP)
 
 
 def plan_estimate(state: State) -> Plan:
@@ -224,7 +226,7 @@ def plan_estimate(state: State) -> Plan:
         state.estimate = (recipe.methods, seconds)
         state.estimate_changed.emit()
 
-    return Plan("Estimating the time", work, receive, gives_way=True)
+    return Plan("Estimating the time", work, receive, gives_way=True, step=StepNumber.UNWRAP)
 
 
 Judged: TypeAlias = "tuple[dict[str, xr.DataArray], dict[str, str], str, Comparison]"

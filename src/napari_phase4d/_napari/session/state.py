@@ -10,7 +10,7 @@ from typing import Any
 from psygnal import Signal
 
 from napari_phase4d._napari.session.brought import Brought
-from napari_phase4d._napari.session.history import LobeHistory
+from napari_phase4d._napari.session.history import Heard, LobeHistory, StepNumber
 from napari_phase4d._napari.session.opening import Opened, TruthCall, open_anything
 from napari_phase4d._napari.session.recalibrating import (
     changed_views,
@@ -122,6 +122,7 @@ class State:
         #: What a recipe or a watch has set unseen, which does not hold for the next recording.
         self.brought = Brought()
         self._history = LobeHistory()
+        self.heard = Heard()
 
     @property
     def name(self) -> str:
@@ -349,11 +350,10 @@ class State:
     ) -> None:
         """Forget what was before; what the recipe that was given sets unseen ends with it."""
         self.brought.begin(self.recipe, given)
-        self.recording = recording
-        self.recipe = recipe
+        self.heard.forget(StepNumber.RECORDING)
+        self.recording, self.recipe = recording, recipe
         self.spectrum = self.focus = self.found = None
-        self.lost = ""
-        self.reconstruction = None
+        self.lost, self.reconstruction = "", None
         self.leave_place()
         self.truth = self.known_truth = None
         self._history.forget()
@@ -402,6 +402,7 @@ class State:
         """Take results, and forget what was made of others."""
         self.outcome, self.margin, self.measured, self.cells = outcome, None, None, None
         self.confidence, self.warnings, self.verdict, self.steps_words = {}, {}, "", ""
+        self.heard.forget(StepNumber.UNWRAP)
 
     def take_finished(
         self, data: xr.Dataset, method: str, name: str, result: xr.DataArray

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from html import escape
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,7 +27,7 @@ from qtpy.QtWidgets import (
 
 from napari_phase4d._napari.jobs import Jobs, sentence_of
 from napari_phase4d._napari.preferences import own_refraction_increment
-from napari_phase4d._napari.session import Session
+from napari_phase4d._napari.session import Session, as_sentence
 from napari_phase4d._napari.viewing.presenter import Presenter
 from napari_phase4d._napari.widgets.section import WheelGuard
 from napari_phase4d.analysis import noise_sentence
@@ -96,6 +97,9 @@ class Step(QWidget):  # type: ignore[misc]
         self.explanation = self.text(self.purpose, "purpose")
         self.column.addWidget(self.explanation)
         self.explanation.setVisible(bool(self.purpose))
+        self.heard = self.text("", "heard")
+        self.heard.setVisible(False)
+        self.column.addWidget(self.heard)
         self.form = QFormLayout()
         self.form.setFieldGrowthPolicy(QFormLayout.FieldGrowthPolicy.AllNonFixedFieldsGrow)
         self.form.setVerticalSpacing(4)
@@ -107,6 +111,11 @@ class Step(QWidget):  # type: ignore[misc]
     def doubts(self) -> Sequence[str]:
         """Return what is to be looked after in what this step has done; each a sentence."""
         return ()
+
+    def show_heard(self, sentences: Sequence[str]) -> None:
+        """Show what work has warned of."""
+        self.heard.setText("<br>".join(f"⚠ {escape(each)}" for each in sentences))
+        self.heard.setVisible(bool(sentences))
 
     def text(self, words: str, name: str) -> QLabel:
         """Return a label that wraps its lines."""
@@ -313,8 +322,8 @@ def doubts_of_reconstruction(data: xr.Dataset) -> list[str]:
         doubts.append(f"{few}: the circles in step 2 may be too small.")
     if attrs.get("focus_at_the_end"):
         doubts.append("The focus was found at the end of the search; it may lie beyond.")
-    advice = (each.replace(" um", " µm") for each in reconstruction_advice(attrs, n_times))
-    doubts += [f"{each[0].upper()}{each[1:]}." for each in advice]
+    advice = reconstruction_advice(attrs, n_times)
+    doubts += [as_sentence(each) for each in advice]
     angles = np.array([*dict.fromkeys(data["angle"].values.tolist())])  # of several wavelengths
     if len(angles) > 2 and not np.allclose(np.diff(angles), angles[1] - angles[0]):
         listed = ", ".join(f"{a:g}°" for a in angles)

@@ -28,7 +28,7 @@ from napari_phase4d.unwrapping.given import PURE, working_blocks
 from napari_phase4d.unwrapping.growing import Workspace, grow_list
 from napari_phase4d.unwrapping.objects import object_mask
 from napari_phase4d.unwrapping.shared_steps import FIELD, FRAMES_LEFT_OUT
-from napari_phase4d.words import warn
+from napari_phase4d.warned import warn
 
 __all__ = [
     "Unwraps",

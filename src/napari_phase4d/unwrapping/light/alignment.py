@@ -12,7 +12,7 @@ from napari_phase4d.stack import Block
 from napari_phase4d.task import UNWATCHED, Task, Watch
 from napari_phase4d.unwrapping.light.steps import wrapped_to_turn
 from napari_phase4d.unwrapping.problem import Problem
-from napari_phase4d.words import warn
+from napari_phase4d.warned import warn
 
 __all__ = ["ViewsApart", "views_apart", "warn_of_views_apart"]
 
