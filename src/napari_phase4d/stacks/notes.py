@@ -90,8 +90,10 @@ def check_wrapped(stack: xr.DataArray, name: str) -> None:
     if max(-low, high) <= LARGEST or in_most(known, -LARGEST, LARGEST):  # what never wraps is both
         if known.size >= LEAST_PIXELS:
             doubt_turns(name, low, high)
+            doubt_blurred(name, known)
         return
     if in_most(known, -1e-3, 2 * LARGEST):  # wrapped to a turn from zero on
+        doubt_blurred(name, known - np.pi)
         return
     if kind_of(stack) == UNWRAPPED:
         by = f" by {stack.attrs['method']}" if stack.attrs.get("method") else ""
@@ -132,6 +134,68 @@ def doubt_turns(name: str, low: float, high: float) -> None:
             f"{name} runs from {low:.3g} to {high:.3g}, as turns do; give radians, with "
             "2 * numpy.pi * phase"
         )
+
+
+#: Phase so near to an end of its turn may jump to the other one. It lies in between below the
+#: second number, where noise seldom takes it from an end.
+NEAR_END, BETWEEN = np.pi - 0.9, 2.0
+#: Pixels that a blurred jump takes at most.
+LONGEST_JUMP = 8
+#: Beside a jump phase changes less from pixel to pixel, or else it may be a true slope; where
+#: fewer steps than this share do, noise or slopes hide what jumps are like.
+GENTLE, GENTLE_ENOUGH = 0.5, 0.45
+#: Jumps that are enough to tell, and the share that is blurred in wrapped phase that was smoothed,
+#: enlarged, turned or averaged: 0.6 to 1. It is 0.04 at most where none was, 0.25 in noise.
+ENOUGH_JUMPS, MANY_BLURRED = 10, 0.6
+#: Numbers that are looked at.
+MOST_NUMBERS = 2**19
+
+
+def doubt_blurred(name: str, known: NDArray[Any]) -> None:
+    """Warn if phase goes from one end of its turn to the other by way of what lies in between.
+
+    Parameters
+    ----------
+    name : str
+        What to call it.
+    known : ndarray
+        Wrapped phase from -pi to pi, pixel by pixel along rows.
+    """
+    skipped = max(known.size - MOST_NUMBERS, 0) // 2
+    known = known[skipped : known.size - skipped]
+    at = np.flatnonzero(np.abs(known) > NEAR_END)
+    high = known[at] > 0
+    jumps = np.flatnonzero(high[1:] != high[:-1])
+    first, last = at[jumps], at[jumps + 1]
+    taken = last - first
+    if np.count_nonzero(taken > 1) < ENOUGH_JUMPS:  # where none is blurred, it ends here
+        return
+    fit = (taken <= LONGEST_JUMP) & (first > 0) & (last < known.size - 1)
+    first, last = first[fit], last[fit]
+    gentle = steps_are_gentle(known, first - 1, first) & steps_are_gentle(known, last, last + 1)
+    first, last = first[gentle], last[gentle]
+    blurred = np.zeros(len(first), dtype=bool)
+    for pixel in range(1, LONGEST_JUMP):
+        inside = np.minimum(first + pixel, last)
+        blurred |= np.abs(known[inside]) < BETWEEN
+    if np.count_nonzero(blurred) < max(ENOUGH_JUMPS, MANY_BLURRED * len(first)):
+        return
+    pixels = np.arange(known.size - 1)
+    if steps_are_gentle(known, pixels, pixels + 1).mean() > GENTLE_ENOUGH:
+        warn(
+            f"{name} takes several pixels from pi to -pi at {100 * blurred.mean():.0f} % of its "
+            "jumps, as wrapped phase does that was smoothed, resized, turned or averaged, and "
+            "turns are lost there; do so to numpy.exp(1j * phase), and take the angle of that"
+        )
+
+
+def steps_are_gentle(
+    known: NDArray[Any], start: NDArray[np.intp], end: NDArray[np.intp]
+) -> NDArray[np.bool_]:
+    """Say which wrapped differences between numbers are small."""
+    step = known[end] - known[start]
+    small: NDArray[np.bool_] = np.abs(step - 2 * np.pi * np.round(step / (2 * np.pi))) < GENTLE
+    return small
 
 
 def refuse_labels(stack: xr.DataArray, name: str) -> None:
