@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import gc
 import threading
 import warnings
+import weakref
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -12,7 +14,8 @@ import numpy as np
 import pytest
 from driving import let_settle
 from napari.utils.notifications import notification_manager
-from qtpy.QtCore import QThreadPool
+from qtpy.QtCore import Qt, QThreadPool
+from qtpy.QtGui import QTextDocument
 
 from napari_phase4d._napari.jobs import Latest
 from napari_phase4d._napari.menus import unwrap_wl1
@@ -56,7 +59,7 @@ def test_what_work_warns_of_stands_at_its_step(ready: Any, qtbot: Any, unasked: 
     assert ready.unwrap.heard.text() == f"⚠ {ON_SCREEN}"
     assert not ready.unwrap.heard.isHidden()
     assert (ON_SCREEN in ready.status.text()) is not unasked
-    # It is of the other work still when something else was done, or came to nothing.
+    # It is of the other work still when something else was done.
     ready.jobs.start(warning_plan([], title="Another"))
     qtbot.waitUntil(lambda: not ready.jobs.busy, timeout=20_000)
     assert ON_SCREEN in ready.unwrap.heard.text()
@@ -65,14 +68,14 @@ def test_what_work_warns_of_stands_at_its_step(ready: Any, qtbot: Any, unasked: 
     assert ready.unwrap.heard.isHidden()
 
 
-def test_it_is_said_while_the_work_goes_on_and_after_it_was_stopped(
+def test_it_is_said_while_the_work_goes_on_but_not_of_what_came_to_nothing(
     ready: Any, qtbot: Any
 ) -> None:
     let_settle(qtbot, ready)
 
     def work(task: Task) -> None:
         watch = Watch(1000, "looking", task)
-        watched(lambda: warn("<b> is no frame"), watch)  # by a thread of its own
+        watched(lambda: warn('<b> is "no" frame & dark'), watch)  # by a thread of its own
         while True:
             watch.check()
 
@@ -80,10 +83,29 @@ def test_it_is_said_while_the_work_goes_on_and_after_it_was_stopped(
     ready.jobs.start(plan)
     qtbot.waitUntil(lambda: not ready.phase.heard.isHidden(), timeout=20_000)
     assert ready.jobs.running
-    assert ready.phase.heard.text() == "⚠ &lt;b&gt; is no frame."
+    shown = QTextDocument()
+    shown.setHtml(ready.phase.heard.text())
+    assert shown.toPlainText() == '⚠ <b> is "no" frame & dark.'
+    assert ready.phase.heard.textFormat() == Qt.TextFormat.RichText
     ready.jobs.cancel()
     qtbot.waitUntil(lambda: not ready.jobs.busy, timeout=20_000)
-    assert not ready.phase.heard.isHidden()
+    assert ready.phase.heard.isHidden()
+
+
+def test_the_foot_tells_what_the_last_work_warned_of(ready: Any, qtbot: Any) -> None:
+    let_settle(qtbot, ready)
+    for title, sentences, said in (
+        ("First", [SENTENCE], f"⚠ {ON_SCREEN} First: done."),
+        ("Second", [], "Second: done."),
+        (
+            "Third",
+            ["it is dark", "it is cold"],
+            "⚠ It is dark. (and 1 more in step 4) Third: done.",
+        ),
+    ):
+        ready.jobs.start(warning_plan(sentences, title=title))
+        qtbot.waitUntil(lambda: not ready.jobs.busy, timeout=20_000)
+        assert ready.status.text() == said
 
 
 def test_another_recording_has_no_part_in_it(ready: Any, qtbot: Any, small_video: Any) -> None:
@@ -105,29 +127,50 @@ def test_what_a_step_says_itself_is_not_said_twice(
     click("find_lobes")
     let_settle(qtbot, ready)
     assert "3 views asked for" in ready.lobes.warnings.text()
-    assert ready.session.heard.of(StepNumber.LOBES)
+    assert ready.lobes.heard.isHidden()
+    ready.session.set_lobes(ready.session.lobes[:-1])  # which mends it
     assert ready.lobes.heard.isHidden()
 
 
-def test_what_other_packages_warn_of_is_shown_once(ready: Any, qtbot: Any, notes: Any) -> None:
+@pytest.fixture
+def shown(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[str]]:
+    """Return what Python's own hook has shown since."""
+    shown: list[str] = []
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")
+        warnings.filterwarnings("ignore", message="a lens")
+        monkeypatch.setattr(warnings, "showwarning", lambda words, *_: shown.append(str(words)))
+        yield shown
+
+
+def test_what_other_packages_warn_of_goes_where_it_always_goes(
+    ready: Any, qtbot: Any, shown: list[str]
+) -> None:
+    """napari's worker took all of it, also what other threads warned of, and showed nothing."""
     let_settle(qtbot, ready)
+    begun, end = threading.Event(), threading.Event()
 
     def work(task: Task) -> None:
-        for _ in range(3):
-            warnings.warn("a lens is missing", RuntimeWarning, stacklevel=1)
-            warnings.warn("ask for lenses by name", DeprecationWarning, stacklevel=1)
+        warnings.warn("a lamp is missing", RuntimeWarning, stacklevel=1)
+        warnings.warn("a lens is missing", RuntimeWarning, stacklevel=1)
+        begun.set()
+        end.wait(20)
 
     ready.jobs.start(Plan("Looking", work, lambda _: None))
-    qtbot.waitUntil(lambda: bool(notes()), timeout=20_000)
+    assert begun.wait(20)
+    warnings.warn("a mirror is missing", RuntimeWarning, stacklevel=1)
+    end.set()
     qtbot.waitUntil(lambda: not ready.jobs.busy, timeout=20_000)
-    assert notes() == ["a lens is missing"]
+    assert shown == ["a lamp is missing", "a mirror is missing"]
 
 
-def test_pythons_hook_comes_back_after_workers_that_overlap(ready: Any, qtbot: Any) -> None:
-    """The hook of the first of two stayed for good, and warnings of all else came to nothing."""
+def test_the_hook_for_warnings_stays_while_workers_overlap(
+    ready: Any, qtbot: Any, shown: list[str]
+) -> None:
+    """That of the first of two stayed for good, and warnings of all else came to nothing."""
     let_settle(qtbot, ready)
-    before, end, asked = warnings.showwarning, [threading.Event() for _ in range(2)], Latest(ready)
-    begun = [threading.Event() for _ in range(2)]
+    before, filters = warnings.showwarning, list(warnings.filters)
+    begun, end = ([threading.Event() for _ in range(2)] for _ in range(2))
 
     def waiting(number: int) -> Callable[[Task], None]:
         def work(task: Task) -> None:
@@ -139,15 +182,70 @@ def test_pythons_hook_comes_back_after_workers_that_overlap(ready: Any, qtbot: A
     answers: list[object] = []
     ready.jobs.start(Plan("Looking", waiting(0), lambda _: None))
     assert begun[0].wait(20)
+    asked = Latest(ready)
     asked.ask(waiting(1), answers.append, answers.append, "lamp")
     assert begun[1].wait(20)
+    assert warnings.showwarning is before
     end[0].set()
     qtbot.waitUntil(lambda: not ready.jobs.running, timeout=20_000)
     end[1].set()
     qtbot.waitUntil(lambda: bool(answers), timeout=20_000)
-    let_settle(qtbot, ready)
     QThreadPool.globalInstance().waitForDone(20_000)
-    qtbot.waitUntil(lambda: warnings.showwarning is before, timeout=5_000)
+    assert warnings.showwarning is before
+    assert list(warnings.filters) == filters
+
+
+def test_a_hook_that_comes_while_work_goes_on_stays(
+    ready: Any, qtbot: Any, shown: list[str]
+) -> None:
+    """As that of napari.run() does in a script that has opened a file before."""
+    let_settle(qtbot, ready)
+    begun, end = threading.Event(), threading.Event()
+
+    def work(task: Task) -> None:
+        begun.set()
+        end.wait(20)
+
+    ready.jobs.start(Plan("Looking", work, lambda _: None))
+    assert begun.wait(20)
+    warnings.showwarning = newer = lambda *_: None
+    end.set()
+    qtbot.waitUntil(lambda: not ready.jobs.busy, timeout=20_000)
+    QThreadPool.globalInstance().waitForDone(20_000)
+    assert warnings.showwarning is newer
+
+
+def test_work_that_has_ended_keeps_no_memory(ready: Any, viewer: Any, qtbot: Any) -> None:
+    """napari keeps its workers for good, and with them went whole recordings."""
+    let_settle(qtbot, ready)
+    kept: list[weakref.ref[Any]] = []
+
+    def made(_: Task) -> Any:
+        array = np.zeros((100, 100))
+        kept.append(weakref.ref(array))
+        return array
+
+    answers: list[object] = []
+    asked = Latest(ready)
+    asked.ask(made, lambda found: answers.append(found.shape), answers.append, "lamp")
+    qtbot.waitUntil(lambda: answers == [(100, 100)], timeout=20_000)
+    held = np.zeros((100, 100))
+    kept.append(weakref.ref(held))
+
+    def work(task: Task, held: Any = held) -> Any:
+        return made(task)
+
+    ready.jobs.start(Plan("Looking", work, lambda _: None))
+    del held, work
+    qtbot.waitUntil(lambda: not ready.jobs.busy, timeout=20_000)
+    QThreadPool.globalInstance().waitForDone(20_000)
+
+    def kept_ones() -> int:
+        gc.collect()
+        return sum(ref() is not None for ref in kept)
+
+    assert len(kept) == 3
+    qtbot.waitUntil(lambda: not kept_ones(), timeout=20_000)
 
 
 def test_commands_of_the_menu_tell_it_too(viewer: Any, qtbot: Any, notes: Any) -> None:

@@ -32,7 +32,7 @@ from qtpy.QtWidgets import (
 
 from napari_phase4d._napari.beginning import binding_advice, get_ready
 from napari_phase4d._napari.jobs import Jobs, TimeLeft, in_words, sentence_of
-from napari_phase4d._napari.session import Plan, StepNumber, StepState, step_states
+from napari_phase4d._napari.session import Plan, StepNumber, StepState, news, step_states
 from napari_phase4d._napari.steps import (
     CompareStep,
     LobesStep,
@@ -101,6 +101,8 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         self._time_left = TimeLeft()
         #: Titles of what failed unasked, which is not tried again.
         self._failed_unasked: list[str] = []
+        #: What the work that goes on has warned of, by the number of its step.
+        self._heard_so_far: dict[int, list[str]] = {}
         self.jobs = Jobs(self, self.presenter.turns)
         self.presenter.turns.failed = lambda error: self.say(sentence_of(error), wrong=True)
         self.presenter.turns.canvas = canvas = Canvas(self)
@@ -401,7 +403,8 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         numbered = zip(StepNumber, self.sections, self.steps, states, strict=True)
         for number, section, step, state in numbered:
             said = step.doubts()
-            heard = self.session.heard.of(number, said)
+            so_far = self._heard_so_far.get(number, ())
+            heard = list(dict.fromkeys([*self.session.heard.of(number), *so_far]))
             step.show_heard(heard)
             doubts = (*said, *heard) if state == StepState.DONE else ()
             colour, words, meaning = LOOKS[StepState.DOUBTED if doubts else state]
@@ -409,12 +412,14 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
 
     def _warned(self, plan: Plan, sentences: list[str], ended: bool) -> None:
         """Say at its step what work has warned of, and at the foot if it is waited for."""
-        heard = self.session.heard
-        (heard.take if ended else heard.add)(plan.step, plan.title, sentences)
+        new = news(sentences, self.steps[plan.step].doubts())
+        if ended:
+            self.session.heard.take(plan.step, plan.title, new)
+        self._heard_so_far = {} if ended else {plan.step: new}
         self._show_states()
-        new = heard.of(plan.step, self.steps[plan.step].doubts())
-        if ended and not plan.gives_way and new:
-            self._next_words = f"⚠ {new[0]} {self._next_words}"
+        if ended and new and not plan.gives_way:
+            more = f" (and {len(new) - 1} more in step {plan.step + 1})" if new[1:] else ""
+            self._next_words = f"⚠ {new[0]}{more} {self._next_words or f'{plan.title}: done.'}"
 
     def _started(self, title: str) -> None:
         self._next_words = ""
@@ -467,6 +472,9 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         """Go on with what is best computed unasked, but not with what has failed."""
         if failed:
             self._failed_unasked.append(failed)
+        if self._heard_so_far:  # of work that came to nothing
+            self._heard_so_far = {}
+            self._show_states()
         self._quiet.start()
 
     def _work_unasked(self) -> None:

@@ -9,16 +9,15 @@ import threading
 import time
 import warnings
 import weakref
-from collections.abc import Callable, Hashable
-from contextlib import suppress
+from collections.abc import Callable, Hashable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
 from napari.qt.threading import FunctionWorker, create_worker
-from napari.utils.notifications import show_warning
 from psygnal import EmitLoopError
-from qtpy.QtCore import QObject, QThreadPool, QTimer, Signal
+from qtpy.QtCore import QObject, Qt, QThreadPool, QTimer, Signal
 from qtpy.QtWidgets import QWidget
 
 from napari_phase4d._napari.session import Changed, Plan
@@ -26,7 +25,7 @@ from napari_phase4d._napari.turns import Steps, Turns, exhaust
 from napari_phase4d.task import Cancelled, Task
 from napari_phase4d.warned import hearing
 
-__all__ = ["HOOK", "Ended", "Jobs", "Latest", "TimeLeft", "in_words", "sentence_of"]
+__all__ = ["Ended", "Hooks", "Jobs", "Latest", "TimeLeft", "in_words", "sentence_of"]
 
 TELL_EVERY_MS = 100
 #: While results come up on screen.
@@ -114,10 +113,10 @@ class Jobs(QObject):  # type: ignore[misc]
         self.job_asked_by: QWidget | None = None
         #: What is left of taking a result into the session.
         self._steps: Steps | None = None
-        self._worker: FunctionWorker | None = None
+        #: Of the work that is under way.
+        self._ended: Ended | None = None
         self._then: Callable[[], None] | None = None
         self._latest: tuple[int, int, str] | None = None
-        self._heard: list[str] = []
         self._told = 0
         # The window is told now and then: painting at every step would hold up the work.
         self._look = QTimer(self)
@@ -135,7 +134,7 @@ class Jobs(QObject):  # type: ignore[misc]
     @property
     def running(self) -> bool:
         """Whether a job is under way that the user waits for."""
-        return self._worker is not None and not self._gives_way
+        return self._ended is not None and not self._gives_way
 
     @property
     def closed(self) -> bool:
@@ -145,7 +144,7 @@ class Jobs(QObject):  # type: ignore[misc]
     @property
     def busy(self) -> bool:
         """Whether anything is under way, seen or unseen."""
-        return self._worker is not None
+        return self._ended is not None
 
     def start(self, plan: Plan, then: Callable[[], None] | None = None) -> None:
         """Start a plan in a thread.
@@ -177,23 +176,19 @@ class Jobs(QObject):  # type: ignore[misc]
 
         work = partial(ended.do, plan.work, Task(report, stop.is_set))
         gate = self._gate
-        worker = new_worker(work, gate)
-        worker.returned.connect(
-            lambda _: None if gate.closed else self._returned(worker, plan, ended)
-        )
-        self._worker, self._plan, self._then = worker, plan, then
-        self._latest, self._heard, self._told = None, ended.heard, 0
+        self._ended, self._plan, self._then = ended, plan, then
+        self._latest, self._told = None, 0
         if not plan.gives_way:
             self.job_asked_by = self.asked_by
             self.started.emit(plan.title)
             self._look.start()
-        worker.start()
+        start_worker(work, gate, lambda: self._returned(ended, plan))
 
     def cancel(self) -> None:
         """Ask the job to stop; it does so at its next step."""
         self._gate.stop.set()
-        if self._plan is not None and not self._plan.cancellable and self._worker is not None:
-            self._worker = None
+        if self._plan is not None and not self._plan.cancellable and self._ended is not None:
+            self._ended = None
             self.cancelled.emit(self._plan.title, False)
             self.idle.emit("")
 
@@ -207,7 +202,7 @@ class Jobs(QObject):  # type: ignore[misc]
             with suppress(Exception):  # the viewer may be gone already
                 exhaust(steps)
         self._gate.shut()
-        self._worker = None
+        self._ended = None
 
     def _tell(self) -> None:
         """Tell how far the work is, if it has gone on."""
@@ -216,38 +211,35 @@ class Jobs(QObject):  # type: ignore[misc]
         latest, self._latest = self._latest, None
         if latest is not None and self.running:
             self.progressed.emit(*latest)
-        if self._plan is not None and self._told < len(self._heard):
-            self._tell_heard(self._plan, ended=False)
+        heard = [] if self._ended is None else self._ended.heard[:]
+        if self._plan is not None and self._told < len(heard):
+            self._told = len(heard)
+            self.warned.emit(self._plan, heard, False)
         # One that is still coming up is not held up by the next.
         if self.running and self._plan is not None and not self._turns.pending:
             self._take_part(self._plan)
 
-    def _tell_heard(self, plan: Plan, *, ended: bool) -> None:
-        """Tell what the work has warned of so far."""
-        self._told = len(self._heard)
-        self.warned.emit(plan, self._heard[: self._told], ended)
-
-    def _returned(self, worker: FunctionWorker, plan: Plan, ended: Ended) -> None:
-        if worker is not self._worker:
+    def _returned(self, ended: Ended, plan: Plan) -> None:
+        if ended is not self._ended:
             return
         # One part a turn, so that the window goes on.
         if self._turns.pending or (ended.error is None and self._take_part(plan)):
-            self._after_a_turn(partial(self._returned, worker, plan, ended))
+            self._after_a_turn(partial(self._returned, ended, plan))
             return
         stopped = isinstance(ended.error, Cancelled) or self._gate.stop.is_set()
         # A result that arrives after Cancel is not wanted any more, but finished parts are.
         has_parts = plan.keeps_parts and ended.error is None
         if not stopped or has_parts:
             then = None if stopped else self._then
-            self._receive(worker, plan, receiving(plan, ended, then), stopped, has_parts)
+            self._receive(ended, plan, receiving(plan, ended, then), stopped, has_parts)
         else:
-            self._shown(worker, plan, stopped=stopped, has_parts=has_parts)
+            self._shown(ended, plan, stopped=stopped, has_parts=has_parts)
 
     def _receive(
-        self, worker: FunctionWorker, plan: Plan, steps: Steps, stopped: bool, has_parts: bool
+        self, ended: Ended, plan: Plan, steps: Steps, stopped: bool, has_parts: bool
     ) -> None:
         """Take a result into the session, a step a turn, each once the last one is on screen."""
-        if worker is not self._worker:  # something has begun meanwhile
+        if ended is not self._ended:  # something has begun meanwhile
             return
         self._steps = steps
         try:
@@ -256,27 +248,25 @@ class Jobs(QObject):  # type: ignore[misc]
                     next(steps)
         except StopIteration:
             self._steps = None
-            self._shown(worker, plan, stopped=stopped, has_parts=has_parts)
+            self._shown(ended, plan, stopped=stopped, has_parts=has_parts)
         except Exception as error:
             self._steps = None
-            self._failed(worker, plan, error)
+            self._failed(ended, plan, error)
         else:
-            again = partial(self._receive, worker, plan, steps, stopped, has_parts)
+            again = partial(self._receive, ended, plan, steps, stopped, has_parts)
             self._after_a_turn(again)
 
-    def _shown(
-        self, worker: FunctionWorker, plan: Plan, *, stopped: bool, has_parts: bool
-    ) -> None:
+    def _shown(self, ended: Ended, plan: Plan, *, stopped: bool, has_parts: bool) -> None:
         """End a job once all that came of it is on screen."""
-        if worker is not self._worker:  # something has begun meanwhile
+        if ended is not self._ended:  # something has begun meanwhile
             return
         if self._turns.pending:
-            again = partial(self._shown, worker, plan, stopped=stopped, has_parts=has_parts)
+            again = partial(self._shown, ended, plan, stopped=stopped, has_parts=has_parts)
             self._after_a_turn(again)
             return
-        self._worker = None
+        self._ended = self._plan = self._then = None
         if not stopped or has_parts:
-            self._tell_heard(plan, ended=True)
+            self.warned.emit(plan, ended.heard, True)
         if not plan.gives_way:
             if stopped:
                 self.cancelled.emit(plan.title, has_parts)
@@ -301,9 +291,9 @@ class Jobs(QObject):  # type: ignore[misc]
         except Exception:
             return True
 
-    def _failed(self, worker: FunctionWorker, plan: Plan, error: Exception) -> None:
-        if worker is self._worker:
-            self._worker = None
+    def _failed(self, ended: Ended, plan: Plan, error: Exception) -> None:
+        if ended is self._ended:
+            self._ended = self._plan = self._then = None
             if not plan.gives_way:
                 self.failed.emit(sentence_of(error))
             # What has changed meanwhile can be tried again; a real error can't.
@@ -311,54 +301,70 @@ class Jobs(QObject):  # type: ignore[misc]
             self.idle.emit("" if again else plan.title)
 
 
-def new_worker(work: Callable[[], None], gate: Gate) -> FunctionWorker:
-    """Return a worker of napari, which asks before it closes while one is under way."""
-    worker = create_worker(giving_way, work, gate, _start_thread=False, _ignore_errors=True)
-    HOOK.lend(worker)
-    return worker
+def start_worker(work: Callable[[], None], gate: Gate, then: Callable[[], None]) -> None:
+    """Start work in a worker of napari, which asks before it closes while one is under way.
+
+    Parameters
+    ----------
+    work : callable
+        What to do in a thread.
+    gate : Gate
+        Whether anybody waits for it.
+    then : callable
+        Called in the window's thread when it is done, unless the window has closed.
+    """
+    hooks, box = Hooks(), [work]
+
+    def do() -> None:
+        with hooks.kept():
+            giving_way(box.pop(), gate)
+
+    def ended(_: object) -> None:
+        # napari keeps its workers for good; they must keep neither work nor results.
+        worker.returned.disconnect()
+        if not gate.closed:
+            then()
+
+    worker = create_worker(do, _start_thread=False, _ignore_errors=True)
+    hooks.follow(worker)
+    worker.returned.connect(ended)
+    worker.start()
 
 
-class Hook:
-    """Python's hook for warnings, which each worker replaces, for all threads, by its own.
+class Hooks:
+    """Python's hook and filters for warnings, as they are without napari's worker.
 
-    What comes there is of other packages, since own work is heard, see `hearing`; nobody else
-    listens. Of two workers that overlap, the hook of the first is left for good.
+    A worker replaces both for all threads while it works, and nobody listens to what it hears;
+    then it puts back what it found, although that may be another worker's, or something new may
+    have come meanwhile. Here they stay as they are all the time.
     """
 
     def __init__(self) -> None:
-        #: Kept, since the last signal of one that is gone is lost.
-        self._lent: set[FunctionWorker] = set()
-        self._before = warnings.showwarning
-        self._seen: set[tuple[str, type[Warning]]] = set()
+        self._note()
 
-    def lend(self, worker: FunctionWorker) -> None:
-        """Let a worker replace the hook, and have it back when the last one has ended."""
-        if not self._is_workers():
-            self._before = warnings.showwarning
-        self._lent.add(worker)
-        worker.warned.connect(self._show)
-        worker.finished.connect(partial(self._take_back, worker))
+    def follow(self, worker: FunctionWorker) -> None:
+        """Put back what a worker is about to replace, and what it changes at its end."""
+        at_once = Qt.ConnectionType.DirectConnection  # in its own thread
+        worker.started.connect(self._note, at_once)
+        worker.finished.connect(self._put_back, at_once)
 
-    def _take_back(self, worker: FunctionWorker) -> None:
-        self._lent.discard(worker)
-        if not self._lent and self._is_workers():
-            warnings.showwarning = self._before
+    @contextmanager
+    def kept(self) -> Iterator[None]:
+        """Keep them while the worker works."""
+        self._put_back()
+        try:
+            yield
+        finally:
+            self._note()
 
-    def _is_workers(self) -> bool:
-        """Say whether the hook is that of a worker."""
-        return str(getattr(warnings.showwarning, "__module__", "")).startswith("superqt")
+    def _note(self) -> None:
+        self._hook, self._filters = warnings.showwarning, list(warnings.filters)
 
-    def _show(self, warning: tuple[Any, ...]) -> None:
-        """Show what is warned of, once, unless it is for who writes programs."""
-        sentence, kind = str(warning[0]), warning[1]
-        if (sentence, kind) not in self._seen and not issubclass(kind, FOR_DEVELOPERS):
-            self._seen.add((sentence, kind))
-            show_warning(sentence)
-
-
-#: What Python does not show of itself either.
-FOR_DEVELOPERS = (DeprecationWarning, PendingDeprecationWarning, ImportWarning, ResourceWarning)
-HOOK = Hook()
+    def _put_back(self) -> None:
+        if warnings.showwarning is not self._hook:
+            warnings.showwarning = self._hook
+        if list(warnings.filters) != self._filters:
+            warnings.filters[:] = self._filters  # type: ignore[index]
 
 
 def giving_way(work: Callable[[], None], gate: Gate) -> None:
@@ -415,7 +421,8 @@ def receiving(plan: Plan, ended: Ended, then: Callable[[], None] | None) -> Step
     """Take what came of a plan into the session, and go on from there."""
     if ended.error is not None:
         raise ended.error
-    yield from plan.receive(ended.result) or ()
+    result, ended.result = ended.result, None
+    yield from plan.receive(result) or ()
     if then is not None:
         then()
 
@@ -482,7 +489,6 @@ class Latest(QObject):  # type: ignore[misc]
         self.destroyed.connect(self._gate.shut)
         self._next: Question | None = None
         self._asked: Question | None = None
-        self._worker: Any = None
 
     def ask(
         self,
@@ -523,11 +529,7 @@ class Latest(QObject):  # type: ignore[misc]
         stop = gate.stop = threading.Event()
 
         work = partial(ended.do, question.work, Task(None, stop.is_set))
-        self._worker = new_worker(work, gate)
-        self._worker.returned.connect(
-            lambda _: None if gate.closed else self._ended(question, stop, ended)
-        )
-        self._worker.start()
+        start_worker(work, gate, lambda: self._ended(question, stop, ended))
 
     def _ended(self, question: Question, stop: threading.Event, ended: Ended) -> None:
         """Tell the answer if it is still wanted, and go on."""

@@ -13,7 +13,7 @@ from napari.qt.threading import create_worker
 from napari.utils.notifications import show_error, show_info, show_warning
 from napari.viewer import Viewer
 
-from napari_phase4d._napari.jobs import HOOK, Ended, sentence_of
+from napari_phase4d._napari.jobs import Ended, Hooks, sentence_of
 from napari_phase4d._napari.preferences import (
     own_optics,
     own_refraction_increment,
@@ -360,25 +360,27 @@ def on_selected(
         show_error(f"Select a layer with {wanted} first; Plugins > Phase 4D makes one.")
         return None
 
-    ended = Ended()
+    ended, hooks = Ended(), Hooks()
 
     def guarded() -> None:
-        ended.do(lambda _: work(layer), UNWATCHED)
+        with hooks.kept():
+            ended.do(lambda _: work(layer), UNWATCHED)
 
     def receive(_: object) -> None:
         if not is_open(viewer):  # it was closed meanwhile: nobody waits any more
             return
+        for sentence in ended.heard:
+            show_warning(sentence)
         if ended.error is not None:
             show_error(sentence_of(ended.error))
             return
-        for sentence in ended.heard:
-            show_warning(sentence)
-        data, keywords, _ = ended.result
+        # napari keeps its workers for good, and they this function.
+        (data, keywords, _), ended.result = ended.result, None
         viewer.add_image(data, **keywords)
         show_info(f"{title}: done.")
 
     worker = create_worker(guarded, _start_thread=False, _progress={"desc": title})
-    HOOK.lend(worker)
+    hooks.follow(worker)
     worker.returned.connect(receive)
     worker.start()
     return worker

@@ -5,7 +5,7 @@ from napari_phase4d._napari.session.cell_plans import (
     plan_cells,
     with_their_cells,
 )
-from napari_phase4d._napari.session.history import StepNumber, as_sentence
+from napari_phase4d._napari.session.history import StepNumber, as_sentence, news
 from napari_phase4d._napari.session.live_plans import LiveView, plan_watching
 from napari_phase4d._napari.session.opening import Opened
 from napari_phase4d._napari.session.phase_plans import (
@@ -43,6 +43,7 @@ __all__ = [
     "StepState",
     "as_sentence",
     "folder_without_results",
+    "news",
     "plan_cell_by_methods",
     "plan_cells",
     "plan_confidence",

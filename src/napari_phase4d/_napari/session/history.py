@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from enum import IntEnum
 
 from napari_phase4d.holography import Lobe
 
-__all__ = ["Heard", "LobeHistory", "StepNumber", "as_sentence"]
+__all__ = ["Heard", "LobeHistory", "StepNumber", "as_sentence", "news"]
 
 #: How many changes of the lobes can be undone.
 UNDO_DEPTH = 50
@@ -60,9 +61,9 @@ class Heard:
     Examples
     --------
     >>> heard = Heard()
-    >>> heard.take(StepNumber.UNWRAP, "Unwrapping", ["the views are apart"])
-    >>> heard.of(3), heard.of(3, said=["The views are apart."])
-    (['The views are apart.'], [])
+    >>> heard.take(StepNumber.UNWRAP, "Unwrapping", ["The views are apart."])
+    >>> heard.of(3)
+    ['The views are apart.']
     """
 
     def __init__(self) -> None:
@@ -72,26 +73,45 @@ class Heard:
         """Take what was warned of in a work, in place of what was so when it was done before."""
         self._of.setdefault(step, {})[work] = tuple(sentences)
 
-    def add(self, step: StepNumber, work: str, sentences: Sequence[str]) -> None:
-        """Take what has been warned of so far in a work that goes on."""
-        self.take(step, work, (*self._of.get(step, {}).get(work, ()), *sentences))
-
     def forget(self, step: StepNumber) -> None:
         """Forget what was warned of from a step on."""
         self._of = {number: works for number, works in self._of.items() if number < step}
 
-    def of(self, step: int, said: Iterable[str] = ()) -> list[str]:
-        """Return the sentences of a step, each once, without what is said already."""
-        known = [plain(words) for words in said]
+    def of(self, step: int) -> list[str]:
+        """Return the sentences of a step, each once."""
         works = self._of.get(step, {}).values()
-        sentences = dict.fromkeys(as_sentence(words) for work in works for words in work)
-        return [s for s in sentences if not any(words in plain(s) for words in known)]
+        return list(dict.fromkeys(words for work in works for words in work))
+
+
+def news(sentences: Iterable[str], said: Iterable[str]) -> list[str]:
+    """Return what was warned of as sentences, without what is said already.
+
+    Examples
+    --------
+    >>> news(["cell.tif: 2 frames are lost", "the views are apart"], ["2 frames are lost."])
+    ['The views are apart.']
+    """
+    known = [plain(words) for words in said]
+    new = dict.fromkeys(as_sentence(words) for words in sentences)
+    return [words for words in new if not any(one in plain(words) for one in known)]
+
+
+#: Letters in which the name of a recording ends, before what is said of it.
+LONGEST_NAME = 30
 
 
 def as_sentence(words: str) -> str:
-    """Return what was warned of as a sentence of its own, with units as on screen."""
+    """Return what was warned of as a sentence of its own, with units as on screen.
+
+    Examples
+    --------
+    >>> as_sentence("the pixels are 3 um wide"), as_sentence("cell.tif: is it phase?")
+    ('The pixels are 3 µm wide.', 'cell.tif: is it phase?')
+    """
     end = "" if words.endswith(("?", ".", "!")) else "."
-    return f"{words[:1].upper()}{words[1:]}{end}".replace(" um", " µm")
+    starts_with_name = ": " in words[:LONGEST_NAME] or not words.split(" ", 1)[0].isalpha()
+    first = words[:1] if starts_with_name else words[:1].upper()
+    return re.sub(r"\bum\b", "µm", f"{first}{words[1:]}{end}")
 
 
 def plain(sentence: str) -> str:

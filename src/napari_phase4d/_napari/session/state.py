@@ -402,7 +402,7 @@ class State:
         """Take results, and forget what was made of others."""
         self.outcome, self.margin, self.measured, self.cells = outcome, None, None, None
         self.confidence, self.warnings, self.verdict, self.steps_words = {}, {}, "", ""
-        self.heard.forget(StepNumber.UNWRAP)
+        self.heard.forget(StepNumber.PHASE if outcome is None else StepNumber.UNWRAP)
 
     def take_finished(
         self, data: xr.Dataset, method: str, name: str, result: xr.DataArray

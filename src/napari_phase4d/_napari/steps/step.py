@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from magicgui.widgets import FloatSpinBox
 from psygnal import EmitLoopError
-from qtpy.QtCore import Signal
+from qtpy.QtCore import Qt, Signal
 from qtpy.QtWidgets import (
     QAbstractSpinBox,
     QComboBox,
@@ -98,6 +98,7 @@ class Step(QWidget):  # type: ignore[misc]
         self.column.addWidget(self.explanation)
         self.explanation.setVisible(bool(self.purpose))
         self.heard = self.text("", "heard")
+        self.heard.setTextFormat(Qt.TextFormat.RichText)
         self.heard.setVisible(False)
         self.column.addWidget(self.heard)
         self.form = QFormLayout()
