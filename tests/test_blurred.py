@@ -91,6 +91,18 @@ def test_nothing_but_noise_is_not_taken_for_it() -> None:
         p4d.unwrap(noise, "spatial-2d")
 
 
+def test_the_verdict_says_so_and_calls_no_result_safe() -> None:
+    """It was WL1 with less than 0.01 % in doubt, of which a fifth of the cell was wrong."""
+    smoothed = FILTERS["mean of 3 x 3"](cell(0.2))
+    with pytest.warns(UserWarning, match=SAID):
+        comparison = p4d.compare(smoothed, ["directional-l1", "spatial-2d"])
+    verdict = comparison.verdict
+    assert verdict.startswith("No result is safe: the wrapped phase seems to have been smoothed")
+    assert not verdict.is_safe
+    assert verdict.blurred_percent > 99
+    assert p4d.compare(cell(0.2), ["directional-l1", "spatial-2d"]).verdict.blurred_percent == 0
+
+
 def test_measured_phase_is_told_from_the_same_smoothed() -> None:
     with np.load(measured("unwrap/pyrate_cropA_shared.npz"), allow_pickle=False) as arrays:
         phase = np.nan_to_num(arrays["wrapped"].astype(np.float64))[:, None]

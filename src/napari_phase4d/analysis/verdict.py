@@ -13,6 +13,7 @@ from napari_phase4d.analysis.differences import wrong_cycle_share
 from napari_phase4d.analysis.itoh import order_shares
 from napari_phase4d.analysis.slips import Counts, Tally
 from napari_phase4d.later import xr
+from napari_phase4d.stacks import blurred_share
 from napari_phase4d.unwrapping import METHODS, Problem, ViewsApart, views_apart
 from napari_phase4d.words import checked_call, frame_in_words, view_of
 
@@ -37,6 +38,11 @@ NO_FIELD = (
     "No empty field is in view, so nothing tells the level of the whole, and parts of it may be "
     "whole turns off each other where all looks smooth."
 )
+#: What is said of phase that was worked on as a picture.
+BLURRED = (
+    "No result is safe: the wrapped phase seems to have been smoothed, resized, turned or "
+    "averaged, and has lost turns where it jumps."
+)
 #: Methods that don't count turns, but estimate the phase; they differ from all others everywhere.
 ESTIMATES = ("laplacian",)
 
@@ -60,10 +66,14 @@ class Verdict(str):
         Share of each frame's object on which not all methods agree, 0 to 1.
     views_apart : list of ViewsApart
         Views of several wavelengths that are shifted against each other.
+    blurred_percent : float
+        Share of the jumps of the wrapped phase that take several pixels, as after smoothing, in
+        percent; 0 where it does not seem to have been smoothed, resized, turned or averaged.
     """
 
     __slots__ = (
         "_words",
+        "blurred_percent",
         "disagreement",
         "disagreement_percent",
         "doubtful_percent",
@@ -80,6 +90,7 @@ class Verdict(str):
     lost_frames: list[tuple[int, int]]
     disagreement: xr.DataArray
     views_apart: list[ViewsApart]
+    blurred_percent: float
     _words: Words
 
     def on_grid_of(self, phase: xr.DataArray) -> Verdict:
@@ -95,14 +106,14 @@ class Verdict(str):
         found.method, found.doubtful_percent = self.method, self.doubtful_percent
         found.frame, found.lost_frames = self.frame, self.lost_frames
         found.disagreement_percent = self.disagreement_percent
-        found.views_apart = self.views_apart
+        found.views_apart, found.blurred_percent = self.views_apart, self.blurred_percent
         found.disagreement = of_frames(self.disagreement.values, phase)
         return found
 
     @property
     def is_safe(self) -> bool:
-        """Whether no more than a tenth of the object is in doubt."""
-        return self.doubtful_percent <= 100 * SAFE
+        """Whether no more than a tenth of the object is in doubt, and no turn was lost before."""
+        return self.doubtful_percent <= 100 * SAFE and not self.blurred_percent
 
     def __call__(self) -> Verdict:
         """Return itself, for those who call it."""
@@ -133,6 +144,8 @@ class Words:
         Whether any frame shows an empty field.
     apart : list of ViewsApart
         Views of several wavelengths that are shifted against each other.
+    blurred : float
+        Share of the jumps of wrapped phase that are blurred.
     """
 
     label: str
@@ -147,11 +160,12 @@ class Words:
     outliers: list[tuple[int, int]]
     shows_field: bool
     apart: list[ViewsApart]
+    blurred: float
 
     def __call__(self, stack: xr.DataArray) -> str:
         """Return the sentence for a stack that has these frames."""
         parts = [
-            first_words(self.label, self.doubt, self.n_results),
+            first_words(self.label, self.doubt, self.n_results, blurred=self.blurred > 0),
             where_words(frame_in_words(stack, *self.frame), self.most, self.n_results),
             view_words(self.doubtful, self.inside, stack),
             "" if self.shows_field else NO_FIELD,
@@ -217,9 +231,11 @@ def verdict_on(
         outliers=outliers,
         shows_field=tally.shows_field,
         apart=views_apart(problem),
+        blurred=blurred_share(phase),
     )
     found = Verdict(words(phase))
     found._words, found.views_apart = words, words.apart
+    found.blurred_percent = 100 * words.blurred
     found.method, found.doubtful_percent = best, 100 * doubt[best]
     found.frame = frame if most > 0 else None
     found.disagreement_percent, found.lost_frames = 100 * most, sorted(lost + outliers)
@@ -257,8 +273,10 @@ def percent(share: float) -> str:
     )
 
 
-def first_words(label: str, doubt: float, n: int) -> str:
+def first_words(label: str, doubt: float, n: int, *, blurred: bool = False) -> str:
     """Say which result to use and how far."""
+    if blurred:
+        return f"{BLURRED} In {label} {percent(doubt)} of the object is in doubt besides"
     if doubt > SAFE:
         start = f"No result is safe: even in {label}" if n > 1 else f"{label} is not safe:"
         return f"{start} {percent(doubt)} of the object is more likely wrong than right"

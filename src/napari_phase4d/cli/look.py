@@ -52,7 +52,7 @@ from napari_phase4d.unwrapping import (
     scores_sentence,
     unwrap,
 )
-from napari_phase4d.warned import warn
+from napari_phase4d.warned import hearing, warn
 from napari_phase4d.words import (
     counted,
     printable,
@@ -172,8 +172,9 @@ def print_phase(file: Path, phase: xr.DataArray) -> None:
     )
     some = phase.isel(time=slice(SCORED_TIMES)).compute()
     which = f" of the first {SCORED_TIMES} times" if n_times > SCORED_TIMES else ""
-    console.print(f"  {int(abs(residues(some)).sum())} residues{which}")
-    scores = scores_of_some(phase)
+    with hearing():  # what there is to say of the phase has been said
+        console.print(f"  {int(abs(residues(some)).sum())} residues{which}")
+        scores = scores_of_some(phase)
     time, view = scores.attrs["best"]
     console.print(f"  safest boundary frame: {time},{view}. {scores_sentence(scores)}")
 

@@ -20,6 +20,7 @@ __all__ = [
     "KIND",
     "UNWRAPPED",
     "WRAPPED",
+    "blurred_share",
     "check_light",
     "check_unwrapped",
     "check_wrapped",
@@ -152,12 +153,34 @@ MOST_NUMBERS = 2**19
 
 
 def doubt_blurred(name: str, known: NDArray[Any]) -> None:
-    """Warn if phase goes from one end of its turn to the other by way of what lies in between.
+    """Warn if phase goes from one end of its turn to the other by way of what lies in between."""
+    share = share_of_blurred(known)
+    if share:
+        warn(
+            f"{name} takes several pixels from pi to -pi at {100 * share:.0f} % of its jumps, as "
+            "wrapped phase does that was smoothed, resized, turned or averaged, and turns are "
+            "lost there; do so to numpy.exp(1j * phase), and take the angle of that"
+        )
+
+
+def blurred_share(wrapped: xr.DataArray) -> float:
+    """Return the share of jumps that are blurred in wrapped phase, 0 where it was not worked on.
 
     Parameters
     ----------
-    name : str
-        What to call it.
+    wrapped : DataArray
+        Wrapped phase in radians; of many frames, or large ones, some are looked at.
+    """
+    known = sample_of(wrapped)
+    low, high = ends_of(known)
+    return share_of_blurred(known - np.pi if low >= -1e-3 and high > LARGEST else known)
+
+
+def share_of_blurred(known: NDArray[Any]) -> float:
+    """Return the share of blurred jumps, 0 where few are or can be seen.
+
+    Parameters
+    ----------
     known : ndarray
         Wrapped phase from -pi to pi, pixel by pixel along rows.
     """
@@ -169,7 +192,7 @@ def doubt_blurred(name: str, known: NDArray[Any]) -> None:
     first, last = at[jumps], at[jumps + 1]
     taken = last - first
     if np.count_nonzero(taken > 1) < ENOUGH_JUMPS:  # where none is blurred, it ends here
-        return
+        return 0.0
     fit = (taken <= LONGEST_JUMP) & (first > 0) & (last < known.size - 1)
     first, last = first[fit], last[fit]
     gentle = steps_are_gentle(known, first - 1, first) & steps_are_gentle(known, last, last + 1)
@@ -179,14 +202,10 @@ def doubt_blurred(name: str, known: NDArray[Any]) -> None:
         inside = np.minimum(first + pixel, last)
         blurred |= np.abs(known[inside]) < BETWEEN
     if np.count_nonzero(blurred) < max(ENOUGH_JUMPS, MANY_BLURRED * len(first)):
-        return
+        return 0.0
     pixels = np.arange(known.size - 1)
-    if steps_are_gentle(known, pixels, pixels + 1).mean() > GENTLE_ENOUGH:
-        warn(
-            f"{name} takes several pixels from pi to -pi at {100 * blurred.mean():.0f} % of its "
-            "jumps, as wrapped phase does that was smoothed, resized, turned or averaged, and "
-            "turns are lost there; do so to numpy.exp(1j * phase), and take the angle of that"
-        )
+    can_tell = steps_are_gentle(known, pixels, pixels + 1).mean() > GENTLE_ENOUGH
+    return float(blurred.mean()) if can_tell else 0.0
 
 
 def steps_are_gentle(
