@@ -12,6 +12,7 @@ from scipy import ndimage
 
 import napari_phase4d as p4d
 from helpers import measured, wrap
+from napari_phase4d.stacks.notes import share_of_blurred
 
 SAID = "takes several pixels from pi to -pi"
 Filter = Callable[[NDArray[np.float64]], NDArray[np.float64]]
@@ -82,6 +83,36 @@ def test_slopes_and_noise_are_not_taken_for_it(slope: float, noise: float) -> No
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             p4d.unwrap(frame[None, None], "spatial-2d")
+
+
+def honest() -> dict[str, NDArray[np.float64]]:
+    """Return phase with rims between gentle parts: at some levels they look like jumps."""
+    y, x = np.mgrid[:128, :128]
+    disc = (np.hypot(y - 64, x - 64) < 35).astype(np.float64)
+    scenes = {
+        f"plate of {height} rad, edge {edge}": ndimage.gaussian_filter(height * disc, edge)[None]
+        for height in (4.8, 6.0, 7.0)
+        for edge in (0.7, 1.5)
+    }
+    scenes["yeast"] = p4d.simulation.budding_yeast(n_times=3)["phase"].values
+    for peak in (4.5, 6.0, 12.0, 20.0):
+        sample = p4d.simulation.swimming_euglena((96, 128), 2, peak_rad=peak)
+        scenes[f"cell of {peak} rad"] = sample["phase"].values
+    for shape in p4d.simulation.HARD_SHAPES:
+        scenes[shape] = p4d.simulation.hard_shape(shape)["phase"].values
+    return scenes
+
+
+@pytest.mark.slow
+def test_rims_at_any_level_of_the_field_are_hardly_ever_taken_for_it() -> None:
+    """At 2.2 to 2.8 rad a rim goes from near one end of the turn to near the other one."""
+    rng, said = np.random.default_rng(7), []
+    for exact in honest().values():
+        for level in np.arange(-3.1, 3.2, 0.2):
+            for noise in (0.0, 0.1, 0.2, 0.3):
+                noisy = exact + level + noise * rng.standard_normal(exact.shape)
+                said.append(share_of_blurred(wrap(noisy).ravel()) > 0)
+    assert np.mean(said) < 0.004
 
 
 def test_nothing_but_noise_is_not_taken_for_it() -> None:

@@ -336,7 +336,7 @@ class Hooks:
 
     A worker replaces both for all threads while it works, and nobody listens to what it hears;
     then it puts back what it found, although that may be another worker's, or something new may
-    have come meanwhile. Here they stay as they are all the time.
+    have come meanwhile. Here they stay as they are, but for moments.
     """
 
     def __init__(self) -> None:

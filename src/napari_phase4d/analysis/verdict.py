@@ -113,7 +113,7 @@ class Verdict(str):
     @property
     def is_safe(self) -> bool:
         """Whether no more than a tenth of the object is in doubt, and no turn was lost before."""
-        return self.doubtful_percent <= 100 * SAFE and not self.blurred_percent
+        return bool(self.doubtful_percent <= 100 * SAFE) and not self.blurred_percent
 
     def __call__(self) -> Verdict:
         """Return itself, for those who call it."""

@@ -29,6 +29,7 @@ __all__ = [
     "refuse_counts",
     "refuse_nothing",
     "same_light",
+    "share_of_blurred",
     "views_in_order",
     "wavelength_coordinate",
     "wavelengths_of",
@@ -144,10 +145,13 @@ NEAR_END, BETWEEN = np.pi - 0.9, 2.0
 LONGEST_JUMP = 8
 #: Beside a jump phase changes less from pixel to pixel, or else it may be a true slope; where
 #: fewer steps than this share do, noise or slopes hide what jumps are like.
-GENTLE, GENTLE_ENOUGH = 0.5, 0.45
+GENTLE, GENTLE_ENOUGH = 0.5, 0.6
 #: Jumps that are enough to tell, and the share that is blurred in wrapped phase that was smoothed,
 #: enlarged, turned or averaged: 0.6 to 1. It is 0.04 at most where none was, 0.25 in noise.
-ENOUGH_JUMPS, MANY_BLURRED = 10, 0.6
+ENOUGH_JUMPS, MANY_BLURRED = 20, 0.6
+#: Pixels beside a jump that tell where phase runs. It does so against the jump at this share of
+#: them at least, and by so much over the width of half of them, in radians.
+BESIDE, AGAINST, LEAST_RISE, MOST_RISE = 4, 0.65, 0.2, 1.35
 #: Numbers that are looked at.
 MOST_NUMBERS = 2**19
 
@@ -172,8 +176,8 @@ def blurred_share(wrapped: xr.DataArray) -> float:
         Wrapped phase in radians; of many frames, or large ones, some are looked at.
     """
     known = sample_of(wrapped)
-    low, high = ends_of(known)
-    return share_of_blurred(known - np.pi if low >= -1e-3 and high > LARGEST else known)
+    from_zero = not in_most(known, -LARGEST, LARGEST) and in_most(known, -1e-3, 2 * LARGEST)
+    return share_of_blurred(known - np.pi if from_zero else known)
 
 
 def share_of_blurred(known: NDArray[Any]) -> float:
@@ -193,28 +197,46 @@ def share_of_blurred(known: NDArray[Any]) -> float:
     taken = last - first
     if np.count_nonzero(taken > 1) < ENOUGH_JUMPS:  # where none is blurred, it ends here
         return 0.0
-    fit = (taken <= LONGEST_JUMP) & (first > 0) & (last < known.size - 1)
+    fit = (taken <= LONGEST_JUMP) & (first > BESIDE) & (last < known.size - BESIDE - 1)
     first, last = first[fit], last[fit]
-    gentle = steps_are_gentle(known, first - 1, first) & steps_are_gentle(known, last, last + 1)
+    gentle = (np.abs(steps(known, first - 1, first)) < GENTLE) & (
+        np.abs(steps(known, last, last + 1)) < GENTLE
+    )
     first, last = first[gentle], last[gentle]
     blurred = np.zeros(len(first), dtype=bool)
     for pixel in range(1, LONGEST_JUMP):
         inside = np.minimum(first + pixel, last)
-        blurred |= np.abs(known[inside]) < BETWEEN
+        # What is just zero is phase that somebody has set to that where it was not known.
+        blurred |= (np.abs(known[inside]) < BETWEEN) & (known[inside] != 0)
     if np.count_nonzero(blurred) < max(ENOUGH_JUMPS, MANY_BLURRED * len(first)):
         return 0.0
     pixels = np.arange(known.size - 1)
-    can_tell = steps_are_gentle(known, pixels, pixels + 1).mean() > GENTLE_ENOUGH
-    return float(blurred.mean()) if can_tell else 0.0
+    if np.mean(np.abs(steps(known, pixels, pixels + 1)) < GENTLE) < GENTLE_ENOUGH:
+        return 0.0
+    return float(blurred.mean()) if run_back(known, first[blurred], last[blurred]) else 0.0
 
 
-def steps_are_gentle(
+def run_back(known: NDArray[Any], first: NDArray[np.intp], last: NDArray[np.intp]) -> bool:
+    """Say whether phase runs back at its jumps against where it runs beside them, as wraps do.
+
+    The rim of an object that lies near one end of the turn and has its top near the other one
+    looks the same but for this: it runs on the way that it goes, or nowhere.
+    """
+    up = np.sign(known[last] - known[first])
+    before = steps(known, first - BESIDE, first - 1)
+    after = steps(known, last + 1, last + BESIDE)
+    against = -up * (before + after) / (2 * (BESIDE - 1))
+    over_jump = float(np.median(against * (last - first + 2)))
+    return bool(np.mean(against > 0) >= AGAINST and LEAST_RISE <= over_jump <= MOST_RISE)
+
+
+def steps(
     known: NDArray[Any], start: NDArray[np.intp], end: NDArray[np.intp]
-) -> NDArray[np.bool_]:
-    """Say which wrapped differences between numbers are small."""
+) -> NDArray[np.floating[Any]]:
+    """Return the wrapped differences between numbers, given by their places."""
     step = known[end] - known[start]
-    small: NDArray[np.bool_] = np.abs(step - 2 * np.pi * np.round(step / (2 * np.pi))) < GENTLE
-    return small
+    wrapped: NDArray[np.floating[Any]] = step - 2 * np.pi * np.round(step / (2 * np.pi))
+    return wrapped
 
 
 def refuse_labels(stack: xr.DataArray, name: str) -> None:
