@@ -16,7 +16,7 @@ import qtpy
 from napari.settings import get_settings
 from napari.utils.notifications import show_warning
 from napari.viewer import Viewer
-from qtpy.QtCore import QEvent, QObject, QSize, QTimer
+from qtpy.QtCore import QCoreApplication, QEvent, QObject, QSize, QTimer
 from qtpy.QtGui import QDragEnterEvent, QDropEvent, QShowEvent
 from qtpy.QtWidgets import (
     QFrame,
@@ -573,15 +573,20 @@ class Followers:
 def close_with_python(dock: weakref.ref[Phase4DDock]) -> None:
     """Close a dock that is still open when Python ends, as after a script without an event loop.
 
-    What is left then PyQt deletes in an order of its own; it may end the program with a crash if
-    something of that calls Python.
+    What is left then PyQt deletes itself, and ends with a crash where that calls so much of Python
+    that it has to lay out anew the table of all there is which it goes through. So the dock, of
+    which each part would be told of its end, is deleted before.
     """
     still_open = dock()
     if still_open is not None:
         with suppress(RuntimeError):  # Qt has deleted it already
             if not still_open.jobs.closed:
                 still_open.close_down()
+            still_open.window().removeEventFilter(still_open)
             still_open.close()
+            still_open.setParent(None)
+            still_open.deleteLater()
+            QCoreApplication.sendPostedEvents(still_open, QEvent.Type.DeferredDelete.value)
 
 
 def dropped_paths(event: QDropEvent) -> list[Path]:
