@@ -194,14 +194,11 @@ def share_of_blurred(known: NDArray[Any]) -> float:
     high = known[at] > 0
     jumps = np.flatnonzero(high[1:] != high[:-1])
     first, last = at[jumps], at[jumps + 1]
-    taken = last - first
-    if np.count_nonzero(taken > 1) < ENOUGH_JUMPS:  # where none is blurred, it ends here
+    several = (last - first > 1) & (last - first <= LONGEST_JUMP)
+    # No other can be blurred.
+    if np.count_nonzero(are_gentle(known, first[several], last[several])) < ENOUGH_JUMPS:
         return 0.0
-    fit = (taken <= LONGEST_JUMP) & (first > BESIDE) & (last < known.size - BESIDE - 1)
-    first, last = first[fit], last[fit]
-    gentle = (np.abs(steps(known, first - 1, first)) < GENTLE) & (
-        np.abs(steps(known, last, last + 1)) < GENTLE
-    )
+    gentle = are_gentle(known, first, last) & (last - first <= LONGEST_JUMP)
     first, last = first[gentle], last[gentle]
     blurred = np.zeros(len(first), dtype=bool)
     for pixel in range(1, LONGEST_JUMP):
@@ -214,6 +211,17 @@ def share_of_blurred(known: NDArray[Any]) -> float:
     if np.mean(np.abs(steps(known, pixels, pixels + 1)) < GENTLE) < GENTLE_ENOUGH:
         return 0.0
     return float(blurred.mean()) if run_back(known, first[blurred], last[blurred]) else 0.0
+
+
+def are_gentle(
+    known: NDArray[Any], first: NDArray[np.intp], last: NDArray[np.intp]
+) -> NDArray[np.bool_]:
+    """Say of jumps whether phase changes little just before and after them."""
+    inside = (first > BESIDE) & (last < known.size - BESIDE - 1)
+    before = steps(known, first - inside, first)
+    after = steps(known, last, last + inside)
+    gentle: NDArray[np.bool_] = inside & (np.abs(before) < GENTLE) & (np.abs(after) < GENTLE)
+    return gentle
 
 
 def run_back(known: NDArray[Any], first: NDArray[np.intp], last: NDArray[np.intp]) -> bool:
