@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import tifffile
 from driving import let_settle
 from napari.utils.notifications import notification_manager
 from qtpy.QtCore import Qt, QThreadPool
@@ -22,6 +23,7 @@ from napari_phase4d._napari.menus import unwrap_wl1
 from napari_phase4d._napari.session import Plan, StepNumber
 from napari_phase4d._napari.viewing.layers import stack_layer
 from napari_phase4d.io import write_phase
+from napari_phase4d.simulation import budding_yeast
 from napari_phase4d.stacks import wrapped_stack
 from napari_phase4d.task import Task, Watch, watched
 from napari_phase4d.warned import warn
@@ -66,6 +68,22 @@ def test_what_work_warns_of_stands_at_its_step(ready: Any, qtbot: Any, unasked: 
     ready.jobs.start(warning_plan([]))
     qtbot.waitUntil(lambda: not ready.jobs.busy, timeout=20_000)
     assert ready.unwrap.heard.isHidden()
+
+
+def test_phase_that_is_probably_none_is_said_to_be_so_where_it_is_opened(
+    dock: Any, qtbot: Any, tmp_path: Path
+) -> None:
+    exact = budding_yeast(n_times=2)["phase"].values
+    tifffile.imwrite(tmp_path / "degrees.tif", np.rad2deg(np.angle(np.exp(1j * exact))))
+    dock.recording.open_path(str(tmp_path / "degrees.tif"), content="phase")
+    qtbot.waitUntil(lambda: not dock.jobs.busy, timeout=20_000)
+    assert "degrees" in dock.recording.heard.text()
+    assert "degrees" in dock.status.text()
+    # Another file is another matter.
+    write_phase(tmp_path / "phase.zarr", budding_yeast(n_times=2)["wrapped"])
+    dock.recording.open_path(str(tmp_path / "phase.zarr"))
+    qtbot.waitUntil(lambda: not dock.jobs.busy, timeout=20_000)
+    assert dock.recording.heard.isHidden()
 
 
 def test_it_is_said_while_the_work_goes_on_but_not_of_what_came_to_nothing(

@@ -26,6 +26,7 @@ from napari_phase4d.io import RawLayout
 from napari_phase4d.later import pd, xr
 from napari_phase4d.pipeline import find_place, focus_by, needs_of, reconstruct_by
 from napari_phase4d.recording import Recording
+from napari_phase4d.stacks import wrapped_stack
 from napari_phase4d.task import UNWATCHED, Task
 from napari_phase4d.unwrapping import METHODS
 
@@ -120,7 +121,11 @@ def plan_opening(
     """Plan to open a file, folder, recipe or sample, see `open_anything`."""
 
     def work(task: Task) -> Opened:
-        return open_anything(source, content, raw)
+        opened = open_anything(source, content, raw)
+        if not isinstance(opened.content, Recording):
+            # What is wrong with phase is said here, where another file can be opened.
+            wrapped_stack(opened.content)
+        return opened
 
     return Plan(title or "Opening", work, state.take, cancellable=False, step=StepNumber.RECORDING)
 
