@@ -524,7 +524,7 @@ def compare(
     options = options_by_id(options)
     chosen = list(dict.fromkeys(check_method(method, {}) for method in chosen))
     mask = without_masked(phase, mask)
-    stack = wrapped_stack(phase)
+    stack = wrapped_stack(phase, mask=mask)
     if methods is None:
         chosen = methods_for(wavelengths_of(stack))
     problem = Problem(stack, boundary, mask, amplitude)

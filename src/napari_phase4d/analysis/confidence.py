@@ -167,7 +167,8 @@ def confidence(
     """
     task = Task(progress, cancelled)
     mask = without_masked(phase, None)
-    problem = Problem(wrapped_stack(phase), mask=mask, amplitude=amplitude)
+    # What was not known there was told as it was unwrapped.
+    problem = Problem(wrapped_stack(phase, mask=unwrapped), mask=mask, amplitude=amplitude)
     name = "the unwrapped phase"
     values = unwrapped_stack(on_grid_of(unwrapped, problem.template, name), name)
     doubt_other_phase(values, problem)

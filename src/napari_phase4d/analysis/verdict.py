@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +13,7 @@ from napari_phase4d.analysis.differences import wrong_cycle_share
 from napari_phase4d.analysis.itoh import order_shares
 from napari_phase4d.analysis.slips import Counts, Tally
 from napari_phase4d.later import xr
-from napari_phase4d.stacks import blurred_share
+from napari_phase4d.stacks import Doubt, doubts_of
 from napari_phase4d.unwrapping import METHODS, Problem, ViewsApart, views_apart
 from napari_phase4d.words import checked_call, frame_in_words, view_of
 
@@ -37,11 +37,6 @@ MOST_OF_VIEW = 0.5
 NO_FIELD = (
     "No empty field is in view, so nothing tells the level of the whole, and parts of it may be "
     "whole turns off each other where all looks smooth."
-)
-#: What is said of phase that was worked on as a picture.
-BLURRED = (
-    "No result is safe: the wrapped phase seems to have been smoothed, resized, turned or "
-    "averaged, and has lost turns where it jumps."
 )
 #: Methods that don't count turns, but estimate the phase; they differ from all others everywhere.
 ESTIMATES = ("laplacian",)
@@ -69,6 +64,8 @@ class Verdict(str):
     blurred_percent : float
         Share of the jumps of the wrapped phase that take several pixels, as after smoothing, in
         percent; 0 where it does not seem to have been smoothed, resized, turned or averaged.
+    doubts : list of str
+        What is probably wrong with the wrapped phase, as its units; no result is safe then.
     """
 
     __slots__ = (
@@ -77,6 +74,7 @@ class Verdict(str):
         "disagreement",
         "disagreement_percent",
         "doubtful_percent",
+        "doubts",
         "frame",
         "lost_frames",
         "method",
@@ -91,6 +89,7 @@ class Verdict(str):
     disagreement: xr.DataArray
     views_apart: list[ViewsApart]
     blurred_percent: float
+    doubts: list[str]
     _words: Words
 
     def on_grid_of(self, phase: xr.DataArray) -> Verdict:
@@ -106,14 +105,15 @@ class Verdict(str):
         found.method, found.doubtful_percent = self.method, self.doubtful_percent
         found.frame, found.lost_frames = self.frame, self.lost_frames
         found.disagreement_percent = self.disagreement_percent
-        found.views_apart, found.blurred_percent = self.views_apart, self.blurred_percent
+        found.views_apart, found.doubts = self.views_apart, self.doubts
+        found.blurred_percent = self.blurred_percent
         found.disagreement = of_frames(self.disagreement.values, phase)
         return found
 
     @property
     def is_safe(self) -> bool:
-        """Whether no more than a tenth of the object is in doubt, and no turn was lost before."""
-        return bool(self.doubtful_percent <= 100 * SAFE) and not self.blurred_percent
+        """Whether no more than a tenth of the object is in doubt, and the phase itself is not."""
+        return bool(self.doubtful_percent <= 100 * SAFE) and not self.doubts
 
     def __call__(self) -> Verdict:
         """Return itself, for those who call it."""
@@ -144,8 +144,8 @@ class Words:
         Whether any frame shows an empty field.
     apart : list of ViewsApart
         Views of several wavelengths that are shifted against each other.
-    blurred : float
-        Share of the jumps of wrapped phase that are blurred.
+    doubts : list of Doubt
+        What is probably wrong with the wrapped phase.
     """
 
     label: str
@@ -160,12 +160,12 @@ class Words:
     outliers: list[tuple[int, int]]
     shows_field: bool
     apart: list[ViewsApart]
-    blurred: float
+    doubts: list[Doubt]
 
     def __call__(self, stack: xr.DataArray) -> str:
         """Return the sentence for a stack that has these frames."""
         parts = [
-            first_words(self.label, self.doubt, self.n_results, blurred=self.blurred > 0),
+            first_words(self.label, self.doubt, self.n_results, self.doubts),
             where_words(frame_in_words(stack, *self.frame), self.most, self.n_results),
             view_words(self.doubtful, self.inside, stack),
             "" if self.shows_field else NO_FIELD,
@@ -231,11 +231,12 @@ def verdict_on(
         outliers=outliers,
         shows_field=tally.shows_field,
         apart=views_apart(problem),
-        blurred=blurred_share(phase),
+        doubts=doubts_of(phase, masked=not problem.finds_mask and not problem.all_usable),
     )
     found = Verdict(words(phase))
     found._words, found.views_apart = words, words.apart
-    found.blurred_percent = 100 * words.blurred
+    found.doubts = [f"The wrapped phase {doubt.verdict}." for doubt in words.doubts]
+    found.blurred_percent = max((100 * doubt.blurred for doubt in words.doubts), default=0.0)
     found.method, found.doubtful_percent = best, 100 * doubt[best]
     found.frame = frame if most > 0 else None
     found.disagreement_percent, found.lost_frames = 100 * most, sorted(lost + outliers)
@@ -273,10 +274,12 @@ def percent(share: float) -> str:
     )
 
 
-def first_words(label: str, doubt: float, n: int, *, blurred: bool = False) -> str:
+def first_words(label: str, doubt: float, n: int, doubts: Sequence[Doubt] = ()) -> str:
     """Say which result to use and how far."""
-    if blurred:
-        return f"{BLURRED} In {label} {percent(doubt)} of the object is in doubt besides"
+    if doubts:
+        why = ", and ".join(each.verdict for each in doubts)
+        besides = f"In {label} {percent(doubt)} of the object is in doubt besides"
+        return f"No result is safe: the wrapped phase {why}. {besides}"
     if doubt > SAFE:
         start = f"No result is safe: even in {label}" if n > 1 else f"{label} is not safe:"
         return f"{start} {percent(doubt)} of the object is more likely wrong than right"

@@ -220,7 +220,7 @@ def problem_of(recipe: Recipe, phase: xr.DataArray, amplitude: xr.DataArray | No
     stored = stored_at(phase)
     if stored is None:
         mask = mask_of(recipe, phase)
-        return Problem(wrapped_stack(phase), recipe.start_frames, mask, amplitude)
+        return Problem(wrapped_stack(phase, mask=mask), recipe.start_frames, mask, amplitude)
     return ProblemOnDisk(
         phase,
         stored,

@@ -35,12 +35,11 @@ from napari_phase4d.stacks.notes import (
     KIND,
     UNWRAPPED,
     WRAPPED,
-    blurred_share,
     kind_of,
-    looks_wrapped,
     wavelength_coordinate,
     wavelengths_of,
 )
+from napari_phase4d.stacks.numbers import Doubt, doubts_of, looks_wrapped
 
 __all__ = [
     "AXES",
@@ -50,14 +49,15 @@ __all__ = [
     "UNWRAPPED",
     "WAVELENGTH",
     "WRAPPED",
+    "Doubt",
     "as_stack",
     "beside",
-    "blurred_share",
     "check_pixel",
     "check_rising",
     "checked_labels",
     "coordinate",
     "doubt_numbers",
+    "doubts_of",
     "factor_to",
     "in_full",
     "in_units",

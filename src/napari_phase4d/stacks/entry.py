@@ -51,7 +51,9 @@ PHASE_UNITS = "rad"
 NO_UNITS = ("dimensionless",)
 
 
-def wrapped_stack(phase: xr.DataArray | Any, name: str = "phase") -> xr.DataArray:
+def wrapped_stack(
+    phase: xr.DataArray | Any, name: str = "phase", *, mask: Any = None
+) -> xr.DataArray:
     """Return wrapped phase in radians, its times and angles rising, or say what is wrong with it.
 
     Parameters
@@ -61,6 +63,8 @@ def wrapped_stack(phase: xr.DataArray | Any, name: str = "phase") -> xr.DataArra
         (time, angle, y, x). Masked pixels become NaN.
     name : str, optional
         What to call it.
+    mask : array_like of bool, "auto" or None, optional
+        What is given for its mask; an array tells what is not known.
 
     Raises
     ------
@@ -70,12 +74,13 @@ def wrapped_stack(phase: xr.DataArray | Any, name: str = "phase") -> xr.DataArra
     Warns
     -----
     UserWarning
-        If it is probably none: degrees, turns, camera frames, or unwrapped already.
+        If it is probably none: in other units, camera frames, unwrapped already, filtered, or
+        cut out.
     """
     stack = as_stack(phase, name)
     check_rising(stack, name)
     refuse_counts(stack, name)
-    check_wrapped(stack, name)
+    check_wrapped(stack, name, masked=mask is not None and not isinstance(mask, str))
     return stack
 
 

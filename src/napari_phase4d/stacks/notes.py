@@ -1,18 +1,27 @@
 """What a stack notes of itself: whether it is wrapped or unwrapped, the wavelength of each view.
 
-And what its numbers look like, where it notes nothing.
+Where it notes nothing, its numbers tell.
 """
 
 from __future__ import annotations
-
-import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.later import xr
 from napari_phase4d.stacks.coordinates import WAVELENGTH, factor_to, some
+from napari_phase4d.stacks.numbers import (
+    BEYOND,
+    LARGEST,
+    LEAST_PIXELS,
+    NEAR,
+    VERY_LARGE,
+    countable,
+    in_a_turn,
+    in_most,
+    sample_of,
+    what_is_wrong,
+)
 from napari_phase4d.warned import warn
 from napari_phase4d.words import as_numbers, check_number
 
@@ -20,16 +29,13 @@ __all__ = [
     "KIND",
     "UNWRAPPED",
     "WRAPPED",
-    "blurred_share",
     "check_light",
     "check_unwrapped",
     "check_wrapped",
     "kind_of",
-    "looks_wrapped",
     "refuse_counts",
     "refuse_nothing",
     "same_light",
-    "share_of_blurred",
     "views_in_order",
     "wavelength_coordinate",
     "wavelengths_of",
@@ -38,19 +44,6 @@ __all__ = [
 
 #: The attribute that notes which of the two phase is.
 KIND, WRAPPED, UNWRAPPED = "kind", "wrapped", "unwrapped"
-#: Wrapped phase lies in [-pi, pi], give or take its rounding.
-LARGEST = np.pi + 1e-3
-#: So near to both ends come the numbers of wrapped phase that has wrapped.
-NEAR = 0.05
-#: Share of numbers that may lie outside of a range.
-FEW = 0.005
-#: Frames that are looked at, of each about so many pixels in whole rows; of fewer pixels than the
-#: last in all, nothing can be told.
-FRAMES, ENOUGH_PIXELS, LEAST_PIXELS = 12, 2**16, 64
-#: Phase beyond this is 50 cycles of light: a path in nanometres, or degrees.
-VERY_LARGE = 314.0
-#: Larger numbers lose their turn in single precision, and count as unknown.
-BEYOND = 1e5
 
 
 def kind_of(stack: xr.DataArray) -> str:
@@ -81,170 +74,19 @@ def refuse_nothing(stack: xr.DataArray, name: str) -> None:
         raise ValueError(msg)
 
 
-def check_wrapped(stack: xr.DataArray, name: str) -> None:
+def check_wrapped(stack: xr.DataArray, name: str, *, masked: bool = False) -> None:
     """Refuse what notes to be unwrapped, and is; warn of what looks like no wrapped phase."""
-    known = sample_of(stack)
+    known = countable(sample_of(stack))
     refuse_labels(stack, name)
-    low, high = ends_of(known)
-    if max(-low, high) > BEYOND:
-        known = known[np.abs(known) <= BEYOND]  # Problem counts the others as unknown
-        low, high = ends_of(known)
-    if max(-low, high) <= LARGEST or in_most(known, -LARGEST, LARGEST):  # what never wraps is both
-        if known.size >= LEAST_PIXELS:
-            doubt_turns(name, low, high)
-            doubt_blurred(name, known)
-        return
-    if in_most(known, -1e-3, 2 * LARGEST):  # wrapped to a turn from zero on
-        doubt_blurred(name, known - np.pi)
-        return
-    if kind_of(stack) == UNWRAPPED:
+    if kind_of(stack) == UNWRAPPED and not in_a_turn(known):
         by = f" by {stack.attrs['method']}" if stack.attrs.get("method") else ""
         msg = (
             f"{name} is unwrapped already{by}, as it notes; give the wrapped phase, or wrap it "
             "with numpy.angle(numpy.exp(1j * phase))"
         )
         raise ValueError(msg)
-    if known.size >= LEAST_PIXELS:
-        doubt_beyond(name, known)
-
-
-def doubt_beyond(name: str, known: NDArray[Any]) -> None:
-    """Warn of numbers that span more than a turn."""
-    low, high = float(known.min()), float(known.max())
-    if np.array_equal(known, np.round(known)):
-        warn(
-            f"{name} holds whole numbers from {low:g} to {high:g}, as camera frames do; give "
-            "phase in radians, which reconstruct() makes of holograms"
-        )
-    elif in_degrees(low, high):
-        warn(
-            f"{name} runs from {low:.4g} to {high:.4g}, as degrees do; give radians, with "
-            "numpy.deg2rad(phase)"
-        )
-    else:
-        warn(
-            f"{name} runs from {low:.4g} to {high:.4g} rad, more than a turn, so it seems to be "
-            "unwrapped already; wrapped phase lies between -pi and pi"
-        )
-
-
-def doubt_turns(name: str, low: float, high: float) -> None:
-    """Warn if numbers fill just one turn, as counted in turns."""
-    centred = -0.501 <= low < -0.49 and 0.49 < high <= 0.501
-    if centred or (-1e-3 <= low < 0.01 and 0.99 < high <= 1.001):
-        warn(
-            f"{name} runs from {low:.3g} to {high:.3g}, as turns do; give radians, with "
-            "2 * numpy.pi * phase"
-        )
-
-
-#: Phase so near to an end of its turn may jump to the other one. It lies in between below the
-#: second number, where noise seldom takes it from an end.
-NEAR_END, BETWEEN = np.pi - 0.9, 2.0
-#: Pixels that a blurred jump takes at most.
-LONGEST_JUMP = 8
-#: Beside a jump phase changes less from pixel to pixel, or else it may be a true slope; where
-#: fewer steps than this share do, noise or slopes hide what jumps are like.
-GENTLE, GENTLE_ENOUGH = 0.5, 0.6
-#: Jumps that are enough to tell, and the share that is blurred in wrapped phase that was smoothed,
-#: enlarged, turned or averaged: 0.6 to 1. It is 0.04 at most where none was, 0.25 in noise.
-ENOUGH_JUMPS, MANY_BLURRED = 20, 0.6
-#: Pixels beside a jump that tell where phase runs. It does so against the jump at this share of
-#: them at least, and by so much over the width of half of them, in radians.
-BESIDE, AGAINST, LEAST_RISE, MOST_RISE = 4, 0.65, 0.2, 1.35
-#: Numbers that are looked at.
-MOST_NUMBERS = 2**19
-
-
-def doubt_blurred(name: str, known: NDArray[Any]) -> None:
-    """Warn if phase goes from one end of its turn to the other by way of what lies in between."""
-    share = share_of_blurred(known)
-    if share:
-        warn(
-            f"{name} takes several pixels from pi to -pi at {100 * share:.0f} % of its jumps, as "
-            "wrapped phase does that was smoothed, resized, turned or averaged, and turns are "
-            "lost there; do so to numpy.exp(1j * phase), and take the angle of that"
-        )
-
-
-def blurred_share(wrapped: xr.DataArray) -> float:
-    """Return the share of jumps that are blurred in wrapped phase, 0 where it was not worked on.
-
-    Parameters
-    ----------
-    wrapped : DataArray
-        Wrapped phase in radians; of many frames, or large ones, some are looked at.
-    """
-    known = sample_of(wrapped)
-    from_zero = not in_most(known, -LARGEST, LARGEST) and in_most(known, -1e-3, 2 * LARGEST)
-    return share_of_blurred(known - np.pi if from_zero else known)
-
-
-def share_of_blurred(known: NDArray[Any]) -> float:
-    """Return the share of blurred jumps, 0 where few are or can be seen.
-
-    Parameters
-    ----------
-    known : ndarray
-        Wrapped phase from -pi to pi, pixel by pixel along rows.
-    """
-    skipped = max(known.size - MOST_NUMBERS, 0) // 2
-    known = known[skipped : known.size - skipped]
-    at = np.flatnonzero(np.abs(known) > NEAR_END)
-    high = known[at] > 0
-    jumps = np.flatnonzero(high[1:] != high[:-1])
-    first, last = at[jumps], at[jumps + 1]
-    several = (last - first > 1) & (last - first <= LONGEST_JUMP)
-    # No other can be blurred.
-    if np.count_nonzero(are_gentle(known, first[several], last[several])) < ENOUGH_JUMPS:
-        return 0.0
-    gentle = are_gentle(known, first, last) & (last - first <= LONGEST_JUMP)
-    first, last = first[gentle], last[gentle]
-    blurred = np.zeros(len(first), dtype=bool)
-    for pixel in range(1, LONGEST_JUMP):
-        inside = np.minimum(first + pixel, last)
-        # What is just zero is phase that somebody has set to that where it was not known.
-        blurred |= (np.abs(known[inside]) < BETWEEN) & (known[inside] != 0)
-    if np.count_nonzero(blurred) < max(ENOUGH_JUMPS, MANY_BLURRED * len(first)):
-        return 0.0
-    pixels = np.arange(known.size - 1)
-    if np.mean(np.abs(steps(known, pixels, pixels + 1)) < GENTLE) < GENTLE_ENOUGH:
-        return 0.0
-    return float(blurred.mean()) if run_back(known, first[blurred], last[blurred]) else 0.0
-
-
-def are_gentle(
-    known: NDArray[Any], first: NDArray[np.intp], last: NDArray[np.intp]
-) -> NDArray[np.bool_]:
-    """Say of jumps whether phase changes little just before and after them."""
-    inside = (first > BESIDE) & (last < known.size - BESIDE - 1)
-    before = steps(known, first - inside, first)
-    after = steps(known, last, last + inside)
-    gentle: NDArray[np.bool_] = inside & (np.abs(before) < GENTLE) & (np.abs(after) < GENTLE)
-    return gentle
-
-
-def run_back(known: NDArray[Any], first: NDArray[np.intp], last: NDArray[np.intp]) -> bool:
-    """Say whether phase runs back at its jumps against where it runs beside them, as wraps do.
-
-    The rim of an object that lies near one end of the turn and has its top near the other one
-    looks the same but for this: it runs on the way that it goes, or nowhere.
-    """
-    up = np.sign(known[last] - known[first])
-    before = steps(known, first - BESIDE, first - 1)
-    after = steps(known, last + 1, last + BESIDE)
-    against = -up * (before + after) / (2 * (BESIDE - 1))
-    over_jump = float(np.median(against * (last - first + 2)))
-    return bool(np.mean(against > 0) >= AGAINST and LEAST_RISE <= over_jump <= MOST_RISE)
-
-
-def steps(
-    known: NDArray[Any], start: NDArray[np.intp], end: NDArray[np.intp]
-) -> NDArray[np.floating[Any]]:
-    """Return the wrapped differences between numbers, given by their places."""
-    step = known[end] - known[start]
-    wrapped: NDArray[np.floating[Any]] = step - 2 * np.pi * np.round(step / (2 * np.pi))
-    return wrapped
+    for doubt in what_is_wrong(known, stack.sizes["x"], masked=masked):
+        warn(f"{name} {doubt.warning}")
 
 
 def refuse_labels(stack: xr.DataArray, name: str) -> None:
@@ -295,62 +137,6 @@ def check_unwrapped(stack: xr.DataArray, name: str) -> None:
             f"{name} runs from {low:.4g} to {high:.4g} rad, more than 50 turns; if that is an "
             "optical path or degrees, give radians"
         )
-
-
-def looks_wrapped(values: Any) -> bool:
-    """Say whether numbers lie and spread as wrapped phase does, and light does not."""
-    if values.dtype.kind != "f" or values.ndim < 2 or 0 in values.shape:
-        return False
-    some = [values] if values.ndim == 2 else [values[i] for i in (0, len(values) // 2, -1)]
-    shown = np.concatenate([np.ravel(np.asarray(frame)) for frame in some])
-    known = shown[np.isfinite(shown)]
-    if len(known) == 0:
-        return False
-    low, high = float(known.min()), float(known.max())
-    return -LARGEST <= low < 0 < high <= LARGEST and high - low > np.pi
-
-
-def sample_of(stack: xr.DataArray) -> NDArray[Any]:
-    """Return the finite numbers of some frames, spread over the stack; of large ones some rows."""
-    frames = [axis for axis in ("time", "angle") if axis in stack.dims]
-    shape = [stack.sizes[axis] for axis in frames]
-    count = math.prod(shape)
-    if count <= 1:
-        return finite_of(np.asarray(stack.data).ravel())
-    chosen = sorted({round(place) for place in np.linspace(0, count - 1, min(FRAMES, count))})
-    parts = []
-    for number in chosen:
-        place = dict(zip(frames, np.unravel_index(number, shape), strict=True))
-        at = tuple(place.get(str(axis), slice(None)) for axis in stack.dims)
-        frame = np.asarray(stack.data[at])
-        parts.append(frame[:: max(frame.size // ENOUGH_PIXELS, 1)].ravel())
-    return finite_of(np.concatenate(parts))
-
-
-def finite_of(shown: NDArray[Any]) -> NDArray[Any]:
-    """Return the finite numbers of an array in a type that holds sums of them."""
-    if shown.dtype == np.float16:
-        shown = shown.astype(np.float32)
-    if np.isfinite(ends_of(shown)).all():  # which is quicker than to look at each
-        return shown
-    known: NDArray[Any] = shown[np.isfinite(shown)]
-    return known
-
-
-def in_most(known: NDArray[Any], low: float, high: float) -> bool:
-    """Say whether all but a few numbers lie between two."""
-    outside = np.count_nonzero((known < low) | (known > high))
-    return bool(outside <= FEW * known.size)
-
-
-def ends_of(numbers: NDArray[Any]) -> tuple[float, float]:
-    """Return the smallest and the largest number; NaN if any is, and zeros if there is none."""
-    return (float(numbers.min()), float(numbers.max())) if numbers.size else (0.0, 0.0)
-
-
-def in_degrees(low: float, high: float) -> bool:
-    """Say whether numbers fill a circle of 360 degrees."""
-    return (-181 <= low < -170 and 170 < high <= 181) or (-1 <= low < 10 and 350 < high <= 361)
 
 
 # ---- the wavelength of each view ------------------------------------------------------------

@@ -133,7 +133,7 @@ def score_boundaries(
     """
     task = Task(progress, cancelled)
     left = without_masked(phase, mask)
-    given = Problem(wrapped_stack(phase), mask="auto" if left is None else left)
+    given = Problem(wrapped_stack(phase, mask=left), mask="auto" if left is None else left)
     known = None
     if reference is not None:
         fitting = on_grid_of(reference, given.template, "reference")

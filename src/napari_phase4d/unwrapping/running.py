@@ -109,7 +109,8 @@ def unwrap(
     Warns
     -----
     UserWarning
-        If the phase looks like degrees, turns, camera frames, or unwrapped phase.
+        If the phase looks like another unit, camera frames, or unwrapped phase, or as if it had
+        been filtered, resized or cut out, which loses turns.
     UserWarning
         If the object that "auto" finds leaves out more than 10 % of the field of any frame where
         the phase is smooth and not flat. ``attrs["smooth_left_out_frames"]`` lists these frames
@@ -134,7 +135,7 @@ def unwrap(
     task = Task(progress, cancelled)
     method = check_method(method, method_options)
     problem = Problem(
-        wrapped_stack(phase),
+        wrapped_stack(phase, mask=mask),
         boundary,
         without_masked(phase, mask),
         amplitude,
