@@ -3,7 +3,7 @@
 from napari_phase4d.holography.aberrations import MAX_ORDER, MIN_ORDER
 from napari_phase4d.holography.corrections import BACKGROUND_ORDERS
 from napari_phase4d.holography.demodulation import WINDOWS, Demodulator
-from napari_phase4d.holography.finding import FoundLobes, find_lobes
+from napari_phase4d.holography.finding import FoundLobes, find_lobes, warn_of_doubts
 from napari_phase4d.holography.focusing import (
     FOCUS_METRICS,
     FOCUS_OBJECTS,
@@ -83,4 +83,5 @@ __all__ = [
     "refocused",
     "stray_terms",
     "times_of_views",
+    "warn_of_doubts",
 ]

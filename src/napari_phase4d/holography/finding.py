@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from napari_phase4d.holography.beams import Choice, choices, clues_of, most_likely
 from napari_phase4d.holography.lobes import MAX_VIEWS, Lobe, pair_distance, wrapped_distance
+from napari_phase4d.holography.lost import first_seen
 from napari_phase4d.holography.peaks import (
     MAIN_LOBE,
     Peak,
@@ -48,7 +49,7 @@ from napari_phase4d.words import (
     shown,
 )
 
-__all__ = ["FoundLobes", "find_lobes", "views_doubt"]
+__all__ = ["FoundLobes", "find_lobes", "views_doubt", "warn_of_doubts"]
 
 #: Frames that the spectrum is made of at most, and the memory that their transforms may take.
 MAX_FRAMES, MAX_BYTES = 16, 512 * 2**20
@@ -69,6 +70,9 @@ NEAR_HARMONIC = (
     "One of these views lies where a saturated camera would copy a brighter one to: it may be no "
     "view."
 )
+#: So large a share of a frame at its largest value clips the fringes: their copies may be taken
+#: for views, and of some the sign goes wrong (from 0.47 on; at 0.27 and 0.42 all was right).
+MANY_SATURATED = 0.1
 #: With more of a chance than this it is said that another number was asked for than is there.
 CLEAR_NUMBER = 0.9
 #: A lobe larger than this share of its distance from zero would reach into the zero order.
@@ -243,6 +247,9 @@ def find_lobes(
     doubts = list(number_doubts(n_views, likely, chances))
     if doubts and likely < (n_views or 0):  # one of them may be the beat of two others
         warn(f"{rec.name}: {doubts[0]}")
+    if clipped := clipped_sentence(first_seen(rec)):
+        warn(f"{rec.name}: {clipped}")
+        doubts.append(clipped)
     if second:
         doubts.append(SECOND_BEST)
     if any(plane.peaks[i].near_harmonic for i in best.views):
@@ -257,6 +264,31 @@ def find_lobes(
     ]
     coloured = [coloured_lobes(each, wavelengths_um) for each in (doubted, other)]
     return FoundLobes(coloured[0], best.chance, doubts, coloured[1])
+
+
+def clipped_sentence(frame: NDArray[np.generic]) -> str:
+    """Say how much of a frame is saturated, "" where that is little."""
+    share = float(np.mean(frame == frame.max()))
+    if share < MANY_SATURATED:
+        return ""
+    return (
+        f"{100 * share:.0f} % of the first frame is saturated, which clips the fringes: views may "
+        "be missed, false, or of the wrong sign; record with less light."
+    )
+
+
+def warn_of_doubts(lobes: Iterable[Lobe], name: str) -> None:
+    """Warn of what is in doubt about lobes that were found, and nobody has looked at.
+
+    Parameters
+    ----------
+    lobes : FoundLobes or iterable of Lobe
+        Those that were given are not in doubt.
+    name : str
+        Of the recording.
+    """
+    for doubt in lobes.doubts if isinstance(lobes, FoundLobes) else ():
+        warn(f"{name}: {doubt}")
 
 
 def coloured_lobes(lobes: list[Lobe], wavelengths_um: Sequence[float] | None) -> list[Lobe]:

@@ -23,6 +23,7 @@ from napari_phase4d.holography import (
     frame_reconstructor,
     light_of,
     reconstruct_frames,
+    warn_of_doubts,
 )
 from napari_phase4d.io import Arrival, ArrivedFrames, Arriving, recording_of
 from napari_phase4d.io.lazy import lazy_frames
@@ -393,6 +394,7 @@ def settle(
         wavelengths_um=recipe.wavelengths_um,
         cancelled=task.cancelled,
     )
+    warn_of_doubts(lobes, first.name)
     check_light(recipe.methods, *light_of(lobes, first.optics.wavelength_um))
     if recipe.boundary != "auto":  # its times are checked where frames are unwrapped
         views = [(0, view) for _, view in recipe.start_frames]

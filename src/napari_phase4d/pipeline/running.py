@@ -34,6 +34,7 @@ from napari_phase4d.holography import (
     reconstruct,
     reconstruct_frames,
     reconstruction_advice,
+    warn_of_doubts,
 )
 from napari_phase4d.holography.emptyfield import count_near
 from napari_phase4d.holography.lobes import lobe_doubts, with_wavelengths
@@ -265,6 +266,7 @@ def run_unwarned(
         progress=progress,
         cancelled=cancelled,
     )
+    warn_of_doubts(lobes, recording.name)
     check_start(recipe, (recording.n_frames, len(lobes)))
     check_light(recipe.methods, *light_of(lobes, recording.optics.wavelength_um))
     needs = needs_of(recipe, recording, lobes)

@@ -142,6 +142,8 @@ def check_unwrapped(stack: xr.DataArray, name: str) -> None:
 # ---- the wavelength of each view ------------------------------------------------------------
 
 
+#: Longer ones, in micrometres, are probably in nanometres.
+LONGEST_UM = 100.0
 #: Wavelengths that differ by less than this share are the same.
 SAME = 1e-6
 
@@ -222,6 +224,11 @@ def with_light(stack: xr.DataArray, name: str) -> xr.DataArray:
     if not (np.isfinite(numbers).all() and (numbers > 0).all()):
         msg = f"the wavelengths of {name} must be numbers above 0, but are {given.values.tolist()}"
         raise ValueError(msg)
+    if float(numbers.max()) * factor > LONGEST_UM:
+        warn(
+            f"the wavelengths of {name} are {some(np.atleast_1d(numbers))} {units}, which is very "
+            "long; if they are in nanometres, divide them by 1000"
+        )
     if factor != 1 or units != "um" or given.dtype != np.float64:
         attrs = {**given.attrs, "units": "um"}
         stack = stack.assign_coords({WAVELENGTH: (given.dims, numbers * factor, attrs)})

@@ -94,6 +94,9 @@ def what_is_wrong(known: NDArray[Any], width: int = 0, *, masked: bool = False) 
     if known.size < LEAST_PIXELS:
         return
     low, high = ends_of(known)
+    if low == high:
+        yield Doubt(f"is {low:.4g} everywhere, so it shows nothing", "is the same everywhere")
+        return
     unit = of_other_unit(known, low, high)
     if unit is not None:
         yield unit
