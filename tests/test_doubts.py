@@ -153,6 +153,62 @@ def test_steps_of_grey_and_doubled_pixels_are_nothing_of_the_kind(bits: int) -> 
     assert not list(what_is_wrong(phase.repeat(2, 2).repeat(2, 3).ravel()))
 
 
+def test_phase_that_is_the_same_everywhere_shows_nothing() -> None:
+    flat = np.full((3, 2, 40, 40), 1.3)
+    with pytest.warns(UserWarning, match=r"phase is 1\.3 everywhere, so it shows nothing"):
+        verdict = p4d.compare(flat, ["spatial-2d", "temporal"]).verdict
+    assert verdict.startswith("No result is safe: the wrapped phase is the same everywhere")
+
+
+def test_wavelengths_in_nanometres_are_doubted() -> None:
+    plates = p4d.simulation.step_phantom((40, 60), (0.25, 0.6), 2)
+    phase = p4d.simulation.at_wavelengths(plates, (0.532, 0.633))["wrapped"]
+    light = phase["wavelength"] * 1000
+    assert not said_of(phase)
+    (said,) = said_of(phase.assign_coords(wavelength=light.assign_attrs(units="")))
+    assert "532" in said
+    assert "if they are in nanometres, divide them by 1000" in said
+    assert not said_of(phase.assign_coords(wavelength=light.assign_attrs(units="nm")))
+
+
+def overexposed(gain: float) -> p4d.Recording:
+    """Holograms of 8 bits with so many times the light."""
+    exact = p4d.simulation.swimming_euglena((256, 256), 2)
+    rec = p4d.simulation.multiplexed_video(exact["phase"])
+    frames = rec.holograms.values.astype(np.float64)
+    grey = np.clip(np.round(frames / frames.max() * 255 * gain), 0, 255).astype(np.uint8)
+    return p4d.open_recording(grey, optics=rec.optics)
+
+
+def test_overexposed_holograms_are_said_to_be_so() -> None:
+    """At three and a half times the light one of two views came out with the wrong sign."""
+    rec = overexposed(3.5)
+    with pytest.warns(UserWarning, match=r"\d\d % of the first frame is saturated"):
+        lobes = p4d.find_lobes(rec, 2)
+    assert any("saturated, which clips the fringes" in doubt for doubt in lobes.doubts)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = p4d.find_lobes(overexposed(1.0), 2)
+    assert not any("clips" in doubt for doubt in found.doubts)
+
+
+def test_a_run_says_what_is_in_doubt_about_the_lobes_it_finds() -> None:
+    rec = overexposed(3.5)
+    recipe = p4d.Recipe(methods=("spatial-2d",), n_views=2)
+    with warnings.catch_warnings(record=True) as heard:
+        warnings.simplefilter("always")
+        outcome = p4d.run(recipe, rec)
+    with pytest.warns(UserWarning, match="saturated"):
+        doubts = p4d.find_lobes(rec, 2).doubts
+    said = [str(each.message) for each in heard]
+    assert all(any(doubt in words for words in said) for doubt in doubts)
+    # Of lobes that were chosen nothing is said.
+    with warnings.catch_warnings(record=True) as heard_then:
+        warnings.simplefilter("always")
+        p4d.run(recipe.changed(lobes=outcome.recipe.lobes), rec)
+    assert not any("saturated" in str(each.message) for each in heard_then)
+
+
 @pytest.mark.slow
 def test_thin_and_thick_objects_at_any_level_are_hardly_ever_doubted() -> None:
     rng = np.random.default_rng(5)

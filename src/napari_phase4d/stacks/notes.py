@@ -85,6 +85,7 @@ def check_wrapped(stack: xr.DataArray, name: str, *, masked: bool = False) -> No
             "with numpy.angle(numpy.exp(1j * phase))"
         )
         raise ValueError(msg)
+    doubt_light(stack, name)
     for doubt in what_is_wrong(known, stack.sizes["x"], masked=masked):
         warn(f"{name} {doubt.warning}")
 
@@ -224,16 +225,21 @@ def with_light(stack: xr.DataArray, name: str) -> xr.DataArray:
     if not (np.isfinite(numbers).all() and (numbers > 0).all()):
         msg = f"the wavelengths of {name} must be numbers above 0, but are {given.values.tolist()}"
         raise ValueError(msg)
-    if float(numbers.max()) * factor > LONGEST_UM:
-        warn(
-            f"the wavelengths of {name} are {some(np.atleast_1d(numbers))} {units}, which is very "
-            "long; if they are in nanometres, divide them by 1000"
-        )
     if factor != 1 or units != "um" or given.dtype != np.float64:
         attrs = {**given.attrs, "units": "um"}
         stack = stack.assign_coords({WAVELENGTH: (given.dims, numbers * factor, attrs)})
     check_views(stack, name)
     return stack
+
+
+def doubt_light(stack: xr.DataArray, name: str) -> None:
+    """Warn of wavelengths that are probably in nanometres."""
+    light = wavelengths_of(stack)
+    if light is not None and light.max(initial=0.0) > LONGEST_UM:
+        warn(
+            f"{name} notes wavelengths of {some(np.unique(light))} um; if they are in nanometres, "
+            "divide them by 1000"
+        )
 
 
 def check_views(stack: xr.DataArray, name: str) -> None:

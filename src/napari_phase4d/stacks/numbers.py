@@ -241,7 +241,8 @@ def look_filled(known: NDArray[Any], width: int) -> Doubt | None:
         f"is just {filling:.4g} on {share}, and jumps at their edge, as where something was cut "
         "out or written over; set what is not known to NaN, and leave a rim of empty field round "
         "what is cut out",
-        f"is just {filling:.4g} on {share}, and jumps at their edge, so that turns may be lost there",
+        f"is just {filling:.4g} on {share}, and jumps at their edge, so that turns may be lost "
+        "there",
     )
 
 
