@@ -379,6 +379,7 @@ def test_noise_is_no_reference(rec: p4d.Recording) -> None:
         p4d.reconstruct(rec, p4d.find_lobes(rec), reference=noise)
 
 
+@pytest.mark.filterwarnings("ignore:.*a dense object is bright or dark here is a guess")
 def test_a_recipe_for_another_microscope_is_said() -> None:
     exact = p4d.simulation.swimming_euglena((96, 96), 2, pixel_um=0.5)
     rec = p4d.simulation.multiplexed_video(exact["phase"])

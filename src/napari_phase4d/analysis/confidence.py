@@ -167,8 +167,7 @@ def confidence(
     """
     task = Task(progress, cancelled)
     mask = without_masked(phase, None)
-    # What was not known there was told as it was unwrapped.
-    problem = Problem(wrapped_stack(phase, mask=unwrapped), mask=mask, amplitude=amplitude)
+    problem = Problem(wrapped_stack(phase, mask=mask), mask=mask, amplitude=amplitude)
     name = "the unwrapped phase"
     values = unwrapped_stack(on_grid_of(unwrapped, problem.template, name), name)
     doubt_other_phase(values, problem)

@@ -63,7 +63,8 @@ class Verdict(str):
         Views of several wavelengths that are shifted against each other.
     blurred_percent : float
         Share of the jumps of the wrapped phase that take several pixels, as after smoothing, in
-        percent; 0 where it does not seem to have been smoothed, resized, turned or averaged.
+        percent; 0 where it does not seem to have been smoothed, resized, turned or averaged, or
+        where something else is wrong with it.
     doubts : list of str
         What is probably wrong with the wrapped phase, as its units; no result is safe then.
     """
@@ -231,7 +232,7 @@ def verdict_on(
         outliers=outliers,
         shows_field=tally.shows_field,
         apart=views_apart(problem),
-        doubts=doubts_of(phase, masked=not problem.finds_mask and not problem.all_usable),
+        doubts=doubts_of(phase, problem.kept),
     )
     found = Verdict(words(phase))
     found._words, found.views_apart = words, words.apart
@@ -278,7 +279,7 @@ def first_words(label: str, doubt: float, n: int, doubts: Sequence[Doubt] = ()) 
     """Say which result to use and how far."""
     if doubts:
         why = ", and ".join(each.verdict for each in doubts)
-        besides = f"In {label} {percent(doubt)} of the object is in doubt besides"
+        besides = f"In {label} {percent(doubt)} of the object is in doubt besides" + "," * (n > 1)
         return f"No result is safe: the wrapped phase {why}. {besides}"
     if doubt > SAFE:
         start = f"No result is safe: even in {label}" if n > 1 else f"{label} is not safe:"

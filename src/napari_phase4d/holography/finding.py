@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from napari_phase4d.holography.beams import Choice, choices, clues_of, most_likely
 from napari_phase4d.holography.lobes import MAX_VIEWS, Lobe, pair_distance, wrapped_distance
-from napari_phase4d.holography.lost import first_seen
+from napari_phase4d.holography.lost import first_seen, is_full
 from napari_phase4d.holography.peaks import (
     MAIN_LOBE,
     Peak,
@@ -70,9 +70,10 @@ NEAR_HARMONIC = (
     "One of these views lies where a saturated camera would copy a brighter one to: it may be no "
     "view."
 )
-#: So large a share of a frame at its largest value clips the fringes: their copies may be taken
-#: for views, and of some the sign goes wrong (from 0.47 on; at 0.27 and 0.42 all was right).
-MANY_SATURATED = 0.1
+#: Where so large a share of a frame is at the largest value of the camera, and so much of it lies
+#: beside what is not, fringes are clipped: their copies may be taken for views, and some views get
+#: the wrong sign (from 0.47 on; at 0.42 all was right). Not where there are so few values.
+MANY_SATURATED, CLIPS_FRINGES, FEW_VALUES = 0.25, 0.05, 8
 #: With more of a chance than this it is said that another number was asked for than is there.
 CLEAR_NUMBER = 0.9
 #: A lobe larger than this share of its distance from zero would reach into the zero order.
@@ -247,7 +248,7 @@ def find_lobes(
     doubts = list(number_doubts(n_views, likely, chances))
     if doubts and likely < (n_views or 0):  # one of them may be the beat of two others
         warn(f"{rec.name}: {doubts[0]}")
-    if clipped := clipped_sentence(first_seen(rec)):
+    if clipped := clipped_sentence(rec):
         warn(f"{rec.name}: {clipped}")
         doubts.append(clipped)
     if second:
@@ -266,15 +267,28 @@ def find_lobes(
     return FoundLobes(coloured[0], best.chance, doubts, coloured[1])
 
 
-def clipped_sentence(frame: NDArray[np.generic]) -> str:
-    """Say how much of a frame is saturated, "" where that is little."""
-    share = float(np.mean(frame == frame.max()))
-    if share < MANY_SATURATED:
+def clipped_sentence(rec: Recording) -> str:
+    """Say how much of the frames is saturated, "" where that clips no fringes."""
+    frames = [first_seen(rec)]
+    frames += [np.asarray(rec.holograms[i]) for i in {rec.n_frames // 2, rec.n_frames - 1} - {0}]
+    share = max(clipped_share(frame) for frame in frames)
+    if not share:
         return ""
     return (
-        f"{100 * share:.0f} % of the first frame is saturated, which clips the fringes: views may "
-        "be missed, false, or of the wrong sign; record with less light."
+        f"{100 * share:.0f} % of a frame is saturated, which clips the fringes: views may be "
+        "missed, false, or of the wrong sign; record with less light."
     )
+
+
+def clipped_share(frame: NDArray[np.generic]) -> float:
+    """Return the share of a frame that is saturated, 0 where that clips no fringes."""
+    full = frame == frame.max()
+    share = float(full.mean())
+    if share < MANY_SATURATED or not is_full(frame.max()):
+        return 0.0
+    if np.mean(full[:, 1:] != full[:, :-1]) < CLIPS_FRINGES or len(np.unique(frame)) <= FEW_VALUES:
+        return 0.0
+    return share
 
 
 def warn_of_doubts(lobes: Iterable[Lobe], name: str) -> None:

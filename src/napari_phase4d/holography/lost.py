@@ -27,6 +27,7 @@ __all__ = [
     "all_lost",
     "are_usual",
     "first_seen",
+    "is_full",
     "lost_sentence",
     "reason_alone",
     "usual_fringes",

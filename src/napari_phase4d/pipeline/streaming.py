@@ -227,6 +227,11 @@ class ProblemOnDisk(Problem):
 
         return self.once(ALL_USABLE, look)
 
+    @property
+    def kept(self) -> None:
+        """No mask is given for stacks on disk."""
+        return None
+
     def blocks(self) -> list[Block]:
         """Cut the frames into blocks as they lie on disk."""
         return blocks_of(self._stored.shape)

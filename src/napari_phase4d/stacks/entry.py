@@ -64,7 +64,7 @@ def wrapped_stack(
     name : str, optional
         What to call it.
     mask : array_like of bool, "auto" or None, optional
-        What is given for its mask; an array tells what is not known.
+        What is given for its mask; where an array is, no other pixels are looked at.
 
     Raises
     ------
@@ -80,7 +80,8 @@ def wrapped_stack(
     stack = as_stack(phase, name)
     check_rising(stack, name)
     refuse_counts(stack, name)
-    check_wrapped(stack, name, masked=mask is not None and not isinstance(mask, str))
+    given = mask is not None and not isinstance(mask, str)
+    check_wrapped(stack, name, np.asarray(mask_on(mask, stack, "the mask")) if given else None)
     return stack
 
 

@@ -19,6 +19,7 @@ from napari_phase4d.stacks.numbers import (
     countable,
     in_a_turn,
     in_most,
+    row_length,
     sample_of,
     what_is_wrong,
 )
@@ -74,9 +75,9 @@ def refuse_nothing(stack: xr.DataArray, name: str) -> None:
         raise ValueError(msg)
 
 
-def check_wrapped(stack: xr.DataArray, name: str, *, masked: bool = False) -> None:
+def check_wrapped(stack: xr.DataArray, name: str, kept: NDArray[np.bool_] | None = None) -> None:
     """Refuse what notes to be unwrapped, and is; warn of what looks like no wrapped phase."""
-    known = countable(sample_of(stack))
+    known = countable(sample_of(stack, kept))
     refuse_labels(stack, name)
     if kind_of(stack) == UNWRAPPED and not in_a_turn(known):
         by = f" by {stack.attrs['method']}" if stack.attrs.get("method") else ""
@@ -86,8 +87,9 @@ def check_wrapped(stack: xr.DataArray, name: str, *, masked: bool = False) -> No
         )
         raise ValueError(msg)
     doubt_light(stack, name)
-    for doubt in what_is_wrong(known, stack.sizes["x"], masked=masked):
-        warn(f"{name} {doubt.warning}")
+    for doubt in what_is_wrong(known, row_length(stack)):
+        if doubt.warning:
+            warn(f"{name} {doubt.warning}")
 
 
 def refuse_labels(stack: xr.DataArray, name: str) -> None:

@@ -26,6 +26,7 @@ __all__ = [
     "in_a_turn",
     "in_most",
     "looks_wrapped",
+    "row_length",
     "sample_of",
     "share_of_blurred",
     "what_is_wrong",
@@ -53,7 +54,8 @@ class Doubt:
     Parameters
     ----------
     warning : str
-        What they look like and what to do, to go on after the name of the phase.
+        What they look like and what to do, to go on after the name of the phase; "" if nothing
+        goes wrong with them.
     verdict : str
         The same, to go on after "the wrapped phase"; "" if results may be right all the same.
     blurred : float
@@ -65,21 +67,31 @@ class Doubt:
     blurred: float = 0.0
 
 
-def doubts_of(wrapped: xr.DataArray, *, masked: bool = False) -> list[Doubt]:
+def doubts_of(wrapped: xr.DataArray, kept: NDArray[np.bool_] | None = None) -> list[Doubt]:
     """Return what is probably wrong with wrapped phase for which results can't be right.
 
     Parameters
     ----------
     wrapped : DataArray
         Wrapped phase in radians; of many frames, or large ones, some are looked at.
-    masked : bool, optional
-        Whether a mask tells what is not known.
+    kept : ndarray of bool, optional
+        A mask with the axes (time, angle, y, x), each as long as the phase's or 1.
     """
-    known, width = countable(sample_of(wrapped)), wrapped.sizes["x"]
-    return [doubt for doubt in what_is_wrong(known, width, masked=masked) if doubt.verdict]
+    known = countable(sample_of(wrapped, kept))
+    return [doubt for doubt in what_is_wrong(known, row_length(wrapped)) if doubt.verdict]
 
 
-def what_is_wrong(known: NDArray[Any], width: int = 0, *, masked: bool = False) -> Iterator[Doubt]:
+def row_length(stack: xr.DataArray) -> int:
+    """Return how many pixels follow each other in a row of a frame, as it lies in the stack."""
+    return int(stack.sizes[planes_of(stack)[-1]])
+
+
+def planes_of(stack: xr.DataArray) -> list[str]:
+    """Return "y" and "x" in the order in which they lie in the stack."""
+    return [str(axis) for axis in stack.dims if axis in ("y", "x")]
+
+
+def what_is_wrong(known: NDArray[Any], width: int = 0) -> Iterator[Doubt]:
     """Yield what numbers, pixel by pixel along rows, look like that are no wrapped phase.
 
     Parameters
@@ -88,23 +100,21 @@ def what_is_wrong(known: NDArray[Any], width: int = 0, *, masked: bool = False) 
         Numbers that are known.
     width : int, optional
         Of a row, if each has all of its pixels.
-    masked : bool, optional
-        Whether a mask tells what is not known.
     """
     if known.size < LEAST_PIXELS:
         return
     low, high = ends_of(known)
     if low == high:
-        yield Doubt(f"is {low:.4g} everywhere, so it shows nothing", "is the same everywhere")
+        yield Doubt("", f"is {low:.4g} everywhere, and shows nothing")
         return
-    unit = of_other_unit(known, low, high)
+    unit = of_beyond_one(known) or of_other_unit(known, low, high)
     if unit is not None:
         yield unit
     elif in_a_turn(known):
         around_zero = max(-low, high) <= LARGEST or in_most(known, -LARGEST, LARGEST)
         radians = known if around_zero else known - np.pi
-        looks = (look_blurred, look_median) if masked else (look_blurred, look_median, look_filled)
-        found = (look(radians, width) for look in looks)
+        rows = radians.reshape(-1, width if width and known.size % width == 0 else known.size)
+        found = (look(rows) for look in (look_blurred, look_median, look_filled))
         yield from islice((doubt for doubt in found if doubt is not None), 1)
     else:
         yield Doubt(
@@ -131,36 +141,54 @@ OVER_RANGE, ENOUGH_JUMPS = 0.85, 20
 #: Where phase wraps, its range ends sharply: of so many parts of it the last ones hold about as
 #: many numbers as those beside them. Otherwise as few as none (0.02), or all of them.
 PARTS, LEAST_AT_END, MOST_AT_END = 40, 0.3, 5.0
+#: Each other part holds at least this share of what half of them do.
+LEAST_BETWEEN = 0.1
+#: Share of the numbers that may be hot at either end, which makes their range so much larger.
+HOT, MUCH_MORE = 5e-4, 1.05
 #: The jumps of radians are about a turn high, as a share of it; filters make them lower.
 LOW_TURN, HIGH_TURN = 0.85, 1.05
 #: Those of half a turn are, to this share.
 NEAR_HALF = 0.05
 
 
+def of_beyond_one(known: NDArray[Any]) -> Doubt | None:
+    """Return the doubt that one number which is no phase stands for what is not known."""
+    beyond = known[np.abs(known) > 2 * LARGEST]
+    if in_a_turn(known) or not beyond.size or (beyond != beyond[0]).any():
+        return None
+    share = f"{100 * beyond.size / known.size:.2g} % of its pixels"
+    return Doubt(
+        f"is just {beyond[0]:.4g} on {share}, which is no phase; set what is not known to NaN",
+        f"is just {beyond[0]:.4g} on {share}, which is no phase",
+    )
+
+
 def of_other_unit(known: NDArray[Any], low: float, high: float) -> Doubt | None:
     """Return the doubt that numbers are in radians, by the heights of their jumps."""
     beyond = not in_a_turn(known)
-    if beyond and np.array_equal(known, np.round(known)):
-        return Doubt(
-            f"holds whole numbers from {low:g} to {high:g}, as camera frames do; give phase in "
-            "radians, which reconstruct() makes of holograms",
-            "holds whole numbers, as camera frames do, and not radians",
-        )
     if beyond and in_degrees(low, high):
         return Doubt(
             f"runs from {low:.4g} to {high:.4g}, as degrees do; give radians, with "
             "numpy.deg2rad(phase)",
             "seems to be in degrees, and not in radians",
         )
-    if in_turns(low, high):
+    if beyond and np.array_equal(known, np.round(known)):
+        return Doubt(
+            f"holds whole numbers from {low:g} to {high:g}, as camera frames do; give phase in "
+            "radians, which reconstruct() makes of holograms (pictures of phase: times 2 * "
+            "numpy.pi over their number of greys)",
+            "holds whole numbers, as camera frames do, and not radians",
+        )
+    jumps, turns = jumps_over_its_range(known), in_turns(low, high)
+    if turns:  # a thin object may end there too, but jumps nowhere
         return Doubt(
             f"runs from {low:.3g} to {high:.3g}, as turns do; give radians, with "
             "2 * numpy.pi * phase",
-            "seems to be in turns, and not in radians",
+            "seems to be in turns, and not in radians" if jumps else "",
         )
-    height = high - low
-    if not jumps_over_its_range(known, low, high):
+    if not jumps:
         return None
+    height = jumps
     if abs(height / np.pi - 1) < NEAR_HALF:
         return Doubt(
             f"jumps by {height:.3g} where it wraps, half a turn, as what arctan gives does, or "
@@ -168,24 +196,35 @@ def of_other_unit(known: NDArray[Any], low: float, high: float) -> Doubt | None:
             "jumps by half a turn where it wraps, and is no phase of a whole turn",
         )
     return Doubt(
-        f"jumps by {height:.4g} where it wraps, and not by 2 pi, so it is not in radians; "
-        f"multiply it by {2 * np.pi / height:.4g}",
+        f"jumps by {height:.4g} where it wraps, and not by 2 pi, so it is not in radians (unless "
+        f"it shows steps of that height); multiply it by {2 * np.pi / height:.4g}",
         f"jumps by {height:.4g} where it wraps, and not by 2 pi as radians do",
     )
 
 
-def jumps_over_its_range(known: NDArray[Any], low: float, high: float) -> bool:
-    """Say whether numbers wrap at the ends of a range that is no turn of radians."""
+def jumps_over_its_range(known: NDArray[Any]) -> float:
+    """Return the height of the range at whose ends numbers wrap, if that is no turn, else 0."""
+    low, high = ends_of(known)
+    if high <= low or LOW_TURN < (high - low) / (2 * np.pi) < HIGH_TURN:
+        return 0.0
+    some = known[:MOST_NUMBERS].astype(np.float64)
+    inner = [float(end) for end in np.quantile(some, (HOT, 1 - HOT))]
+    if high - low > MUCH_MORE * (inner[1] - inner[0]):  # by hot pixels
+        low, high = inner
     height = high - low
     if height <= 0 or LOW_TURN < height / (2 * np.pi) < HIGH_TURN:
-        return False
-    some = known[:MOST_NUMBERS].astype(np.float64)
-    if np.count_nonzero(np.abs(np.diff(some)) > OVER_RANGE * height) < ENOUGH_JUMPS:
-        return False
+        return 0.0
+    step = np.abs(np.diff(some))
+    jumps = np.count_nonzero((step > OVER_RANGE * height) & (step < height / OVER_RANGE))
+    if jumps < ENOUGH_JUMPS:
+        return 0.0
     held, _ = np.histogram(some, PARTS, (low, high))
     ends = np.array([held[0], held[-1]])
     beside = np.array([held[1:4].mean(), held[-4:-1].mean()])
-    return bool(((ends > LEAST_AT_END * beside) & (ends < MOST_AT_END * beside)).all())
+    sharp = (ends > LEAST_AT_END * beside) & (ends < MOST_AT_END * beside)
+    # Between two levels, as of a grating, there is nothing.
+    filled = held.min() >= max(1.0, LEAST_BETWEEN * float(np.median(held)))
+    return height if bool(sharp.all()) and filled else 0.0
 
 
 def in_degrees(low: float, high: float) -> bool:
@@ -202,39 +241,39 @@ def in_turns(low: float, high: float) -> bool:
 # ---- one number in place of many ------------------------------------------------------------
 
 
-#: Numbers that are just the same fill at least this share; phase jumps by more than a radian and
-#: more to those beside them at so many of these, which it does nowhere where nothing is hidden.
-FILLED, FAR, MANY_FAR = 0.002, 2.0, 0.06
+#: Numbers that are just the same fill at least this share, so many times as much as the next most
+#: frequent one; at so many of the steps at their edge phase jumps by more than so many radians.
+FILLED, STANDS_OUT, MANY_FAR, FAR = 0.002, 5, 0.06, 2.0
 #: So much noise has phase that was measured, in radians; simulations without may have sheer walls.
 #: For each edge there must be so many places where it can be seen.
 LEAST_NOISE, SEEN_AN_EDGE = 0.015, 2
-#: What a median filter leaves of it.
-LEAST_LEFT = 0.004
 #: Neighbours that are just the same where each pixel has the median of those around it: 0.19 to
-#: 0.21 of them. They are 0.5 where pixels were doubled, which does no harm.
-LEAST_SAME, MOST_SAME = 0.12, 0.4
+#: 0.21 of them. Where pixels were copied, or a border added, whole columns are the same instead.
+LEAST_SAME, MOST_SAME, WHOLE_COLUMN = 0.15, 0.4, 0.6
 #: Numbers that differ, as a share of all: 0.3 to 0.5 there, next to none where there are only some
-#: steps of grey.
-LEAST_DISTINCT = 0.25
+#: steps of grey; and what such a filter leaves of the noise, in radians.
+LEAST_DISTINCT, LEAST_LEFT = 0.25, 0.004
 
 
-def look_filled(known: NDArray[Any], width: int) -> Doubt | None:
+def look_filled(rows: NDArray[Any]) -> Doubt | None:
     """Return the doubt that phase was cut out, or written over, with one number.
 
     Where that hides a rim, turns are lost; if nothing is known there they are counted round it.
     """
-    same = np.flatnonzero(known[1:] == known[:-1])
-    if len(same) < ENOUGH_JUMPS:
+    known = rows.ravel()
+    same = known[1:] == known[:-1]
+    if np.count_nonzero(same) < ENOUGH_JUMPS:
         return None
-    filling = most_frequent(known[same])
+    filling = most_frequent(known[1:][same])
     inside = known == filling
     edge = np.flatnonzero(inside[1:] != inside[:-1])
-    if width and known.size % width == 0:
-        edge = edge[(edge + 1) % width != 0]  # of a row and the next one
+    edge = edge[(edge + 1) % rows.shape[1] != 0]  # not of a row and the next one
     if inside.mean() < FILLED or len(edge) < ENOUGH_JUMPS:
         return None
     far = float(np.mean(np.abs(steps(known, edge, edge + 1)) > FAR))
-    if far < MANY_FAR or noise_of(known, ~inside, SEEN_AN_EDGE * len(edge)) < LEAST_NOISE:
+    if far < MANY_FAR or is_grey(known, inside):
+        return None
+    if noise_of(known, ~inside, SEEN_AN_EDGE * len(edge)) < LEAST_NOISE:
         return None
     share = f"{100 * inside.mean():.2g} % of its pixels"
     return Doubt(
@@ -246,18 +285,40 @@ def look_filled(known: NDArray[Any], width: int) -> Doubt | None:
     )
 
 
-def look_median(known: NDArray[Any], _: int) -> Doubt | None:
+def is_grey(known: NDArray[Any], inside: NDArray[np.bool_]) -> bool:
+    """Say whether numbers are one of some steps of grey, of which others are as frequent.
+
+    Their rounding, or pixels that were copied, would look like noise.
+    """
+    others = known[~inside]
+    values, counts = np.unique(others, return_counts=True)
+    if STANDS_OUT * counts.max(initial=0) > np.count_nonzero(inside):
+        return True
+    few = len(values) < LEAST_DISTINCT * others.size
+    return few and bool(np.mean(others[1:] == others[:-1]) > LEAST_SAME)
+
+
+def look_median(rows: NDArray[Any]) -> Doubt | None:
     """Return the doubt that each pixel has been given the median of those around it."""
-    same = known[1:] == known[:-1]
-    if not LEAST_SAME < same.mean() < MOST_SAME:
+    if min(rows.shape) < 2:  # columns can't be told
         return None
-    filling = most_frequent(known[1:][same])
-    others = known[known != filling]
-    alike = np.mean(others[1:] == others[:-1]) if others.size > LEAST_PIXELS else 0.0
-    distinct = len(np.unique(others)) / max(others.size, 1)
+    same = rows[:, 1:] == rows[:, :-1]
+    if not same.mean() > LEAST_SAME / 4:
+        return None
+    known = rows.ravel()
+    filling = most_frequent(rows[:, 1:][same])
+    elsewhere = (rows[:, 1:] != filling) & (rows[:, :-1] != filling)
+    there = elsewhere.sum(axis=0)
+    by_column = (same & elsewhere).sum(axis=0)
+    usual = (by_column <= WHOLE_COLUMN * there) & (there > 0)
+    alike = by_column[usual].sum() / max(int(there[usual].sum()), 1)
+    distinct = len(np.unique(known)) / max(int(np.count_nonzero(known != filling)), 1)
     if not LEAST_SAME < alike < MOST_SAME or distinct < LEAST_DISTINCT:
         return None
-    if noise_of(known, known != filling, ENOUGH_JUMPS) < LEAST_LEFT:
+    if (
+        usual.sum() < 0.5 * len(usual)
+        or noise_of(known, known != filling, ENOUGH_JUMPS) < LEAST_LEFT
+    ):
         return None
     return Doubt(
         f"has the same number at {100 * alike:.0f} % of all neighbours, as after a median filter, "
@@ -311,9 +372,9 @@ BESIDE, AGAINST, LEAST_RISE, MOST_RISE = 4, 0.65, 0.2, 1.35
 MOST_NUMBERS = 2**19
 
 
-def look_blurred(known: NDArray[Any], _: int) -> Doubt | None:
+def look_blurred(rows: NDArray[Any]) -> Doubt | None:
     """Return the doubt of phase that goes from one end of its turn to the other by steps."""
-    share = share_of_blurred(known)
+    share = share_of_blurred(rows.ravel())
     if not share:
         return None
     return Doubt(
@@ -398,6 +459,8 @@ def steps(
 
 def countable(known: NDArray[Any]) -> NDArray[Any]:
     """Leave out numbers that are too large, which `Problem` counts as unknown."""
+    if known.dtype.kind != "f":  # small whole numbers have no room for differences
+        known = known.astype(np.float64)
     low, high = ends_of(known)
     return known[np.abs(known) <= BEYOND] if max(-low, high) > BEYOND else known
 
@@ -415,21 +478,36 @@ def looks_wrapped(values: Any) -> bool:
     return -LARGEST <= low < 0 < high <= LARGEST and high - low > np.pi
 
 
-def sample_of(stack: xr.DataArray) -> NDArray[Any]:
-    """Return the finite numbers of some frames, spread over the stack; of large ones some rows."""
+def sample_of(stack: xr.DataArray, kept: NDArray[np.bool_] | None = None) -> NDArray[Any]:
+    """Return the finite numbers of some frames, spread over the stack; of large ones some rows.
+
+    Parameters
+    ----------
+    stack : DataArray
+        Dims among (time, angle, y, x).
+    kept : ndarray of bool, optional
+        A mask with all four axes, each as long as the stack's or 1; the others are left out.
+    """
     frames = [axis for axis in ("time", "angle") if axis in stack.dims]
     shape = [stack.sizes[axis] for axis in frames]
     count = math.prod(shape)
-    if count <= 1:
-        return finite_of(np.asarray(stack.data).ravel())
     chosen = sorted({round(place) for place in np.linspace(0, count - 1, min(FRAMES, count))})
     parts = []
     for number in chosen:
         place = dict(zip(frames, np.unravel_index(number, shape), strict=True))
         at = tuple(place.get(str(axis), slice(None)) for axis in stack.dims)
         frame = np.asarray(stack.data[at])
-        parts.append(frame[:: max(frame.size // ENOUGH_PIXELS, 1)].ravel())
-    return finite_of(np.concatenate(parts))
+        every = 1 if count == 1 else max(frame.size // ENOUGH_PIXELS, 1)
+        rows = frame[::every]
+        if kept is not None:
+            time, angle = (
+                min(int(place.get(axis, 0)), n - 1)
+                for axis, n in zip(("time", "angle"), kept.shape, strict=False)
+            )
+            inside = kept[time, angle] if planes_of(stack) == ["y", "x"] else kept[time, angle].T
+            rows = rows[inside[::every]]
+        parts.append(rows.ravel())
+    return finite_of(np.concatenate(parts) if len(parts) > 1 else parts[0])
 
 
 def finite_of(shown: NDArray[Any]) -> NDArray[Any]:

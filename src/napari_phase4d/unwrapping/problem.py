@@ -208,6 +208,11 @@ class Problem(SharedSteps):
             self._all_usable = bool(self.usable.all())
         return self._all_usable
 
+    @property
+    def kept(self) -> NDArray[np.bool_] | None:
+        """Which pixels a mask that was given has; None where none was."""
+        return None if self.finds_mask or self.all_usable else self.usable
+
     def result_stack(self, method: str) -> Stack:
         """Return a new stack for the result of a method."""
         return Unwritten(self.wrapped.shape, "float32")

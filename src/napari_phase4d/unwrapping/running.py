@@ -134,13 +134,8 @@ def unwrap(
     """
     task = Task(progress, cancelled)
     method = check_method(method, method_options)
-    problem = Problem(
-        wrapped_stack(phase, mask=mask),
-        boundary,
-        without_masked(phase, mask),
-        amplitude,
-        shared=False,
-    )
+    mask = without_masked(phase, mask)
+    problem = Problem(wrapped_stack(phase, mask=mask), boundary, mask, amplitude, shared=False)
     found = run_method(problem, method, task, method_options)
     if advice := left_out_advice(found.attrs):
         warn(f"{advice}, with mask=None")
