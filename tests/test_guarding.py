@@ -382,7 +382,7 @@ def test_a_script_leaves_no_results_of_before(phase: Path, tmp_path: Path) -> No
         write_outcome(other, out)
 
 
-@pytest.mark.filterwarnings("ignore:wrapped.ome.tif. Views and their beats look alike")
+@pytest.mark.filterwarnings("ignore:wrapped.ome.tif")  # what is in doubt about its lobes
 def test_a_script_does_not_write_over_a_recording_of_its_own(tmp_path: Path) -> None:
     path = tmp_path / "wrapped.ome.tif"
     exact = p4d.simulation.swimming_euglena((32, 40), n_times=2, peak_rad=6)
