@@ -47,6 +47,7 @@ CHAINED = ("angular", "temporal", "temporal-angular", "angular-temporal")
 TIME, ANGLE, Y, X = range(4)
 
 
+@pytest.mark.filterwarnings("ignore:phase is just")  # which some noise is that is made up here
 @pytest.mark.thorough
 @pytest.mark.parametrize("method", CONGRUENT)
 @quick

@@ -165,7 +165,8 @@ def watch(
     >>> Path("camera").mkdir()
     >>> for number, frame in enumerate(video.holograms.values):
     ...     tifffile.imwrite(f"camera/frame_{number:04}.tif", frame)
-    >>> recipe = p4d.Recipe(n_views=2, methods=("temporal-angular",))
+    >>> lobes = p4d.find_lobes(video, 2)
+    >>> recipe = p4d.Recipe(lobes=tuple(lobes), methods=("temporal-angular",))
     >>> found = watch("camera", recipe, "results", frames=4)
     >>> found.comparison.results["temporal-angular"].sizes["time"]
     4
