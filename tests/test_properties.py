@@ -33,7 +33,11 @@ from made_up import (
 )
 from napari_phase4d.unwrapping import methods_for
 
-pytestmark = pytest.mark.slow
+#: Some noise that is made up here looks as if it had been cut out, or were of other units.
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.filterwarnings("ignore:phase (is just|jumps by)"),
+]
 
 TURN = 2 * np.pi
 DIMS = ("time", "angle", "y", "x")
@@ -47,7 +51,6 @@ CHAINED = ("angular", "temporal", "temporal-angular", "angular-temporal")
 TIME, ANGLE, Y, X = range(4)
 
 
-@pytest.mark.filterwarnings("ignore:phase is just")  # which some noise is that is made up here
 @pytest.mark.thorough
 @pytest.mark.parametrize("method", CONGRUENT)
 @quick
