@@ -25,6 +25,7 @@ from napari_phase4d.stacks.entry import (
     as_stack,
     beside,
     checked_labels,
+    doubts_of,
     mask_on,
     on_grid_of,
     unwrapped_stack,
@@ -39,7 +40,7 @@ from napari_phase4d.stacks.notes import (
     wavelength_coordinate,
     wavelengths_of,
 )
-from napari_phase4d.stacks.numbers import Doubt, doubts_of, looks_wrapped
+from napari_phase4d.stacks.numbers import Doubt, looks_wrapped
 
 __all__ = [
     "AXES",

@@ -30,6 +30,8 @@ from napari_phase4d.stacks.notes import (
     views_in_order,
     with_light,
 )
+from napari_phase4d.stacks.numbers import Doubt, countable, row_length, sample_of, what_is_wrong
+from napari_phase4d.stacks.order import doubts_of_order
 from napari_phase4d.warned import warn
 from napari_phase4d.words import shown
 
@@ -37,6 +39,7 @@ __all__ = [
     "as_stack",
     "beside",
     "checked_labels",
+    "doubts_of",
     "mask_on",
     "on_grid_of",
     "unwrapped_stack",
@@ -74,15 +77,32 @@ def wrapped_stack(
     Warns
     -----
     UserWarning
-        If it is probably none: in other units, camera frames, unwrapped already, filtered, or
-        cut out.
+        If it is probably none: in other units, camera frames, unwrapped already, filtered, cut
+        out, or its frames or axes in another order.
     """
     stack = as_stack(phase, name)
     check_rising(stack, name)
     refuse_counts(stack, name)
     given = mask is not None and not isinstance(mask, str)
     check_wrapped(stack, name, np.asarray(mask_on(mask, stack, "the mask")) if given else None)
+    for doubt in doubts_of_order(stack):
+        warn(f"{name} {doubt.warning}")
     return stack
+
+
+def doubts_of(wrapped: xr.DataArray, kept: NDArray[np.bool_] | None = None) -> list[Doubt]:
+    """Return what is probably wrong with wrapped phase for which results can't be right.
+
+    Parameters
+    ----------
+    wrapped : DataArray
+        Wrapped phase in radians; of many frames, or large ones, some are looked at.
+    kept : ndarray of bool, optional
+        A mask with the axes (time, angle, y, x), each as long as the phase's or 1.
+    """
+    known = countable(sample_of(wrapped, kept))
+    doubts = [*what_is_wrong(known, row_length(wrapped)), *doubts_of_order(wrapped)]
+    return [doubt for doubt in doubts if doubt.verdict]
 
 
 def unwrapped_stack(phase: xr.DataArray | Any, name: str = "phase") -> xr.DataArray:

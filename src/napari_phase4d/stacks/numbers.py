@@ -21,7 +21,6 @@ __all__ = [
     "VERY_LARGE",
     "Doubt",
     "countable",
-    "doubts_of",
     "ends_of",
     "in_a_turn",
     "in_most",
@@ -65,20 +64,6 @@ class Doubt:
     warning: str
     verdict: str = ""
     blurred: float = 0.0
-
-
-def doubts_of(wrapped: xr.DataArray, kept: NDArray[np.bool_] | None = None) -> list[Doubt]:
-    """Return what is probably wrong with wrapped phase for which results can't be right.
-
-    Parameters
-    ----------
-    wrapped : DataArray
-        Wrapped phase in radians; of many frames, or large ones, some are looked at.
-    kept : ndarray of bool, optional
-        A mask with the axes (time, angle, y, x), each as long as the phase's or 1.
-    """
-    known = countable(sample_of(wrapped, kept))
-    return [doubt for doubt in what_is_wrong(known, row_length(wrapped)) if doubt.verdict]
 
 
 def row_length(stack: xr.DataArray) -> int:
