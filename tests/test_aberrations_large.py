@@ -62,6 +62,7 @@ def test_fit_is_stopped_between_its_rounds() -> None:
     assert len(calls) == 3
 
 
+@pytest.mark.slow
 def test_frames_are_summed_as_they_come(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without the median no frame that was looked at is kept, however many there are."""
     frames = np.random.default_rng(2).integers(0, 200, (32, 64, 64)).astype(np.uint8)

@@ -48,6 +48,7 @@ def through(radius: float, peak_rad: float, curvature_rad: float = 0.0) -> p4d.R
     return p4d.open_recording(frames, optics=video.optics)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*may be the object's:UserWarning")
 @pytest.mark.parametrize("referenced", [False, True])
 @pytest.mark.parametrize("background", ["curvature", "polynomial", "zernike"])
@@ -69,6 +70,7 @@ def test_noise_beyond_an_aperture_bends_no_background(
     assert np.median(off[top]) - np.median(off[empty]) == pytest.approx(0, abs=0.15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("radius", [2.0, *RADII])
 @pytest.mark.parametrize("peak_rad", [2.0, 4.0, 6.0])
 def test_noise_beyond_an_aperture_turns_no_sign(radius: float, peak_rad: float) -> None:

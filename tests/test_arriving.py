@@ -169,6 +169,7 @@ def watched(path: Path, video: Video, patience_s: float = 60.0) -> Iterator[Arri
         arriving.close()
 
 
+@pytest.mark.slow
 @WAYS
 def test_a_recording_that_begins_anew_is_another(
     video: Video, tmp_path: Path, name: str, write: Callable[..., None]
@@ -299,6 +300,7 @@ def test_one_frame_of_large_ones_written_over_is_noticed(
         assert arriving.look_back() == {4}
 
 
+@pytest.mark.slow
 def test_a_first_file_that_is_written_again_in_portions_is_waited_for(tmp_path: Path) -> None:
     """As one is that is copied once more: as long as it will be, its end still black."""
     first, path = large(3, 1), tmp_path / "camera"
@@ -321,6 +323,7 @@ def test_a_first_file_that_is_written_again_in_portions_is_waited_for(tmp_path: 
         assert arriving.look_back() == set()
 
 
+@pytest.mark.slow
 def test_a_first_file_that_changes_for_ever_stops_nothing(tmp_path: Path) -> None:
     """A program may write what the camera sees now under the first name."""
     first, path = large(4, 1), tmp_path / "camera"
@@ -336,6 +339,7 @@ def test_a_first_file_that_changes_for_ever_stops_nothing(tmp_path: Path) -> Non
         np.testing.assert_array_equal(found, first[2:3])
 
 
+@pytest.mark.slow
 def test_a_folder_that_fails_at_the_end_costs_no_result(
     video: Video, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

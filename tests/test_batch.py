@@ -67,6 +67,7 @@ def test_every_file_gets_a_folder_a_line_and_a_row(phases: Path, tmp_path: Path)
     np.testing.assert_array_equal(found.values, expected.values)
 
 
+@pytest.mark.slow
 def test_run_json_names_input_recipe_and_every_file(phases: Path, tmp_path: Path) -> None:
     batch(tmp_path, phases / "a.npy", form="zarr")
     note = json.loads((tmp_path / "a" / "run.json").read_text())
@@ -77,6 +78,7 @@ def test_run_json_names_input_recipe_and_every_file(phases: Path, tmp_path: Path
         assert fingerprint_of(tmp_path / "a" / file["name"]).as_dict() == file
 
 
+@pytest.mark.slow
 def test_confidence_gives_the_doubtful_share(phases: Path, tmp_path: Path) -> None:
     table = run_batch(RECIPE.changed(confidence=True), [phases / "a.npy"], tmp_path)
     own = pd.read_csv(tmp_path / "a" / "table.csv", index_col="id")
@@ -204,6 +206,7 @@ def test_damaged_frame_of_a_zarr_is_done_again(phases: Path, tmp_path: Path) -> 
     assert chunk.read_bytes() == whole
 
 
+@pytest.mark.slow
 def test_without_resume_all_is_done_again(phases: Path, tmp_path: Path) -> None:
     batch(tmp_path, phases / "a.npy")
     first = contents(tmp_path / "a")
@@ -212,6 +215,7 @@ def test_without_resume_all_is_done_again(phases: Path, tmp_path: Path) -> None:
     assert contents(tmp_path / "a") == first
 
 
+@pytest.mark.slow
 def test_what_fails_leaves_older_results(phases: Path, tmp_path: Path) -> None:
     file = shutil.copy(phases / "a.npy", tmp_path / "a.npy")
     out = tmp_path / "out"
@@ -224,6 +228,7 @@ def test_what_fails_leaves_older_results(phases: Path, tmp_path: Path) -> None:
     assert names(out) == {"a", "batch.log", "summary.csv"}
 
 
+@pytest.mark.slow
 def test_what_a_user_has_put_beside_results_is_kept(phases: Path, tmp_path: Path) -> None:
     batch(tmp_path, phases / "a.npy")
     (tmp_path / "a" / "notes.txt").write_text("cell 7 divides")
@@ -235,6 +240,7 @@ def test_what_a_user_has_put_beside_results_is_kept(phases: Path, tmp_path: Path
     assert (tmp_path / "a" / "figures" / "one.png").read_bytes() == b"1"
 
 
+@pytest.mark.slow
 def test_what_a_user_named_as_a_new_result_is_kept_too(phases: Path, tmp_path: Path) -> None:
     batch(tmp_path, phases / "a.npy")
     own = tmp_path / "a" / "comparison.png"
@@ -259,6 +265,7 @@ def test_folders_that_no_batch_has_made_are_not_replaced(phases: Path, tmp_path:
     assert names(tmp_path / "a") == {"thesis.txt"}
 
 
+@pytest.mark.slow
 def test_what_a_killed_batch_has_left_is_put_right(phases: Path, tmp_path: Path) -> None:
     batch(tmp_path, phases / "a.npy")
     before = contents(tmp_path / "a")

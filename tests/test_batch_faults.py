@@ -89,6 +89,7 @@ def test_reference_and_truth_are_hashed_once_a_batch(
     assert remembered(str(files[0])) != before
 
 
+@pytest.mark.slow
 def test_input_that_changes_while_it_is_run_has_failed(phases: Path, tmp_path: Path) -> None:
     file = Path(shutil.copy(phases / "a.npy", tmp_path / "a.npy"))
 

@@ -138,6 +138,7 @@ def test_nothing_to_score_is_said() -> None:
     assert summary_of(found)["without_result"]["synthetic-wavelength"] == 4
 
 
+@pytest.mark.slow
 def test_the_page_says_it_all(table: pd.DataFrame, tmp_path: Path) -> None:
     written = write_benchmark(table, tmp_path)
     assert [path.name for path in written] == [

@@ -48,6 +48,7 @@ def cell(noise: float) -> NDArray[np.float64]:
     return wrap(exact + noise * rng.standard_normal(exact.shape)).astype(np.float64)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.0, 0.2])
 @pytest.mark.parametrize("name", FILTERS)
 def test_wrapped_phase_that_was_worked_on_as_a_picture_is_said(name: str, noise: float) -> None:
@@ -55,6 +56,7 @@ def test_wrapped_phase_that_was_worked_on_as_a_picture_is_said(name: str, noise:
         p4d.unwrap(np.clip(FILTERS[name](cell(noise)), -np.pi, np.pi), "spatial-2d")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FILTERS)
 def test_what_is_advised_is_right(name: str) -> None:
     """The same done to complex numbers keeps the turns, and nothing is said."""
@@ -124,6 +126,7 @@ def test_nothing_but_noise_is_not_taken_for_it() -> None:
         p4d.unwrap(noise, "spatial-2d")
 
 
+@pytest.mark.slow
 def test_the_verdict_says_so_and_calls_no_result_safe() -> None:
     """It was WL1 with less than 0.01 % in doubt, of which a fifth of the cell was wrong."""
     smoothed = FILTERS["mean of 3 x 3"](cell(0.2))

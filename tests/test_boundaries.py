@@ -72,6 +72,7 @@ def test_lost_frames_score_nothing_and_change_no_other(kind: str, masked: bool) 
     assert np.abs(scores.values - whole.values)[others].max() < 0.02
 
 
+@pytest.mark.slow
 def test_frames_that_a_mask_leaves_nothing_of_are_lost() -> None:
     wrapped = with_noise(moving_shape("returning"), 0.2, seed=2)["wrapped"]
     mask = np.ones(wrapped.shape, bool)

@@ -81,6 +81,7 @@ def test_a_slope_that_comes_and_goes_over_the_border_gives_the_same(cuts: list[i
         np.testing.assert_array_equal(found[method], result.values)
 
 
+@pytest.mark.slow
 def test_the_future_does_not_count(wrapped: NDArray[np.float32]) -> None:
     settings = for_what_comes({})
     changed = wrapped.copy()

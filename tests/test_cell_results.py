@@ -269,6 +269,7 @@ def test_lazy_phase_gives_the_same_cells_in_a_file(sample: xr.Dataset) -> None:
     assert isinstance(base, np.memmap)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("blur", [0.0, 1.0])
 @pytest.mark.parametrize("noise", [0.0, 0.3])
 def test_outlines_are_where_cells_end(blur: float, noise: float) -> None:

@@ -179,6 +179,7 @@ def test_pixels_in_doubt_make_the_error_larger() -> None:
     np.testing.assert_allclose(extra, 0.4 * area * pixel, rtol=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("views", [[0], [0, 1]])
 def test_cells_keep_their_numbers_over_frames_that_are_lost(views: list[int]) -> None:
     """More of them than a cell may be missing in otherwise, as when a beam is blocked."""

@@ -232,6 +232,7 @@ def test_errors_grow_while_cells_lie_over_one_another() -> None:
     assert (off > 10 * table["dry mass error (pg)"]).sum() == 0
 
 
+@pytest.mark.slow
 def test_a_cell_that_is_never_seen_alone_has_no_error() -> None:
     """Only the frames are measured in which one of two cells lies over the other."""
     phase = recording([straight(20), straight(150, 3)], (RADIUS, RADIUS), 0.1)

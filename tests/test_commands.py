@@ -263,6 +263,7 @@ def test_resume_with_the_file_of_a_recipe_makes_a_batch(phase_file: Path, tmp_pa
     assert result.stat().st_mtime_ns == before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["run", "compare"])
 def test_what_needs_holograms_is_not_noted_of_phase(
     phase_file: Path, tmp_path: Path, command: str
@@ -275,11 +276,13 @@ def test_what_needs_holograms_is_not_noted_of_phase(
     assert not used.tilt_per_frame
 
 
+@pytest.mark.slow
 def test_info_says_that_a_file_of_phase_has_its_own_views(phase_file: Path) -> None:
     with pytest.warns(UserWarning, match="has 2 views, whatever --views says"):
         told("info", phase_file, "--views", 3)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:no cells were found")
 def test_a_file_takes_the_place_of_the_sample_of_a_recipe(
     phase_file: Path, tmp_path: Path
@@ -294,6 +297,7 @@ def test_a_file_takes_the_place_of_the_sample_of_a_recipe(
     assert used.cells.oblique
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("line", "file"),
     [
@@ -316,6 +320,7 @@ def test_demo_and_reproduction_write_over_nothing(
     assert (tmp_path / file).read_text() == "mine"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", [(1, 1, 8, 9), (1, 1, 1, 1)])
 def test_of_one_frame_no_order_is_advised(shape: tuple[int, ...], tmp_path: Path) -> None:
     frame = np.random.default_rng(0).uniform(-1, 1, shape).astype(np.float32)

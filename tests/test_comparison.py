@@ -72,6 +72,7 @@ def test_what_comes_last_is_what_is_returned(noisy: xr.Dataset) -> None:
     assert found.table.index.name == "id"
 
 
+@pytest.mark.slow
 def test_progress_names_the_method(noisy: xr.Dataset) -> None:
     said: list[tuple[int, int, str]] = []
     options = {"spatial-2d": {"reliability": "coherence"}}
@@ -170,6 +171,7 @@ def test_without_an_object_all_usable_pixels_count() -> None:
     assert found.loc["spatial-2d", "doubtful_percent"] == pytest.approx(100 / 3)
 
 
+@pytest.mark.slow
 def test_difference_of_two_results(noisy: xr.Dataset, compared: p4d.Comparison) -> None:
     result, reference = (compared.results[m] for m in ("spatial-2d", "directional-l1"))
     found = difference(result, reference)

@@ -168,6 +168,7 @@ def published_unreliability(w: np.ndarray, index: tuple[int, ...]) -> float:
     return total * penalty
 
 
+@pytest.mark.slow
 def test_region_growing_as_phasetools_has_it() -> None:
     """Unreliability and edges from loops over a padded volume; joined in that order."""
     w = wrapped(noisy_bump((4, 3, 5, 14), 0.8, seed=2))

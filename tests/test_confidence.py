@@ -59,6 +59,7 @@ def test_wrong_pixels_are_the_doubted_ones(noisy: xr.Dataset, compared: p4d.Comp
         assert area_under_curve(-trust.values[inside], wrong[inside]) >= 0.97, method
 
 
+@pytest.mark.slow
 def test_trusted_pixels_are_right(noisy: xr.Dataset, compared: p4d.Comparison) -> None:
     for method, result in compared.results.items():
         wrong = np.round((result.values - noisy["phase"].values) / TURN) != 0
@@ -420,6 +421,7 @@ def test_verdict_says_what_to_use() -> None:
     assert "WL1 would leave" in alone
 
 
+@pytest.mark.slow
 def test_verdict_names_lost_frames_and_they_are_not_trusted() -> None:
     data = with_fault(hard_shape("ring", (48, 48), 8), "black frame", 0.2, seed=1)
     found = p4d.compare(data["wrapped"], ["temporal-angular", "directional-l1"])

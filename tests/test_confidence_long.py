@@ -83,6 +83,7 @@ def layer_without_empty_field() -> xr.Dataset:
     return with_noise(xr.Dataset({"phase": exact, "wrapped": exact}), 0.2, seed=5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("frames", [1000, 3])
 def test_without_empty_field_ways_begin_in_the_boundary_frame(
     frames: int, monkeypatch: pytest.MonkeyPatch
@@ -106,6 +107,7 @@ def test_without_empty_field_ways_begin_in_the_boundary_frame(
     assert np.quantile(trust[:8], 0.01) > 0.8
 
 
+@pytest.mark.slow
 def test_verdict_says_that_no_empty_field_is_in_view() -> None:
     data = layer_without_empty_field()
     methods = ("directional-l1", "spatial-2d")
@@ -310,6 +312,7 @@ def test_the_object_of_results_on_disk_is_that_in_memory(tmp_path: Path, mask: s
     assert not list((tmp_path / "disk").glob(".phase4d*"))
 
 
+@pytest.mark.slow
 def test_graph_of_small_object_in_large_field_takes_memory_of_its_box() -> None:
     exact = p4d.simulation.swimming_euglena((32, 32), 8, pixel_um=44 / 32, peak_rad=9)
     there_and_back = np.abs((np.arange(160) % 14) - 7)

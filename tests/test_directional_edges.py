@@ -59,6 +59,7 @@ def layer_of_cells(n_times: int, apart: int) -> np.ndarray:
     return np.stack([wide[..., :80], wide[..., apart:]], axis=1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", [WL1, RGD])
 @pytest.mark.parametrize("noise", [0.0, 0.3])
 def test_views_of_a_layer_without_empty_field_differ_by_more_than_half_a_turn(
@@ -122,6 +123,7 @@ def ball_over_a_bowl(rises: float, side: int = 1) -> tuple[np.ndarray, np.ndarra
     return phase[:, None], (far > 1.6)[:, None]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("side", [1, -1])
 @pytest.mark.parametrize("noise", [0, 0.2])
 @pytest.mark.parametrize("rises", [0, 1, 2, 5, -4])
@@ -227,6 +229,7 @@ def swimming_through(seed: int) -> tuple[np.ndarray, np.ndarray]:
     return ndimage.gaussian_filter(phase, (0, 0, 1.6, 1.6)), far > 1.6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", [WL1, RGD])
 @pytest.mark.parametrize("noise", [0, 0.2])
 @pytest.mark.parametrize("seed", [13, 15, 23])
@@ -263,6 +266,7 @@ def cell_in_a_channel(side: int) -> tuple[np.ndarray, np.ndarray]:
     return phase[:, None], np.broadcast_to((np.abs(y) < 8) & (x > 30), phase[:, None].shape)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("side", [1, -1])
 @pytest.mark.parametrize("noise", [0.2, 0.4])
 def test_cell_that_rises_above_the_walls_of_its_channel(noise: float, side: int) -> None:
@@ -271,6 +275,7 @@ def test_cell_that_rises_above_the_walls_of_its_channel(noise: float, side: int)
     assert wrong(phase, empty, noise, WL1) == 0
 
 
+@pytest.mark.slow
 def test_phase_is_as_noisy_as_light_is_faint() -> None:
     """Where light has faded, noise alone takes pixels to the other side of the empty field."""
     phase, empty = ball_over_a_bowl(0)
@@ -321,6 +326,7 @@ def test_objects_that_come_back_lay_on_both_sides_have_dark_rims_and_do_so_whole
     np.testing.assert_array_equal(came_back(*np.array(counts).T), expected)
 
 
+@pytest.mark.slow
 def test_objects_come_back_whatever_frames_are_looked_at_together(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

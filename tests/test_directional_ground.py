@@ -25,6 +25,7 @@ def front(height: float, width: float, speed: float, noise: float, seed: int = 0
     return clean + np.random.default_rng(seed).normal(0, noise, clean.shape)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("height", "width", "noise"),
     [(6.3, 0.8, 0.6), (12.6, 1.3, 0.0), (12.6, 1.3, 0.5), (18.9, 2.5, 0.0), (19.8, 2.5, 0.4)],
@@ -40,6 +41,7 @@ def test_a_sheet_that_grows_over_the_view_is_not_pulled_down(
     assert wrong.mean() < 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("peak", "rise", "fall", "noise"),
     [(9, 0.12, 3.0, 0.0), (7, 0.3, 2.5, 0.5), (12, 0.5, 4.0, 0.3)],

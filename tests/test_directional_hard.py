@@ -153,6 +153,7 @@ def test_four_thick_frames_most_of_which_are_wrong_by_themselves() -> None:
     assert error_of(with_noise(exact, 0, seed=RNG_SEED), empty_of(exact)) <= 0.05
 
 
+@pytest.mark.slow
 def test_thick_frames_in_a_row_know_each_other() -> None:
     """The changes have more residues than the frames, one after the other: so they stay."""
     thick = moving_shape("returning")
@@ -220,6 +221,7 @@ def test_what_comes_into_view_leaves_other_cells_alone(noise: float) -> None:
     assert max(off) <= 0.02, off
 
 
+@pytest.mark.slow
 def test_one_noisy_frame_is_no_pause() -> None:
     exact = hard_shape("growing wall", angles_deg=(0.0, 6.0))
     data = with_noise(exact, 0.2, seed=RNG_SEED)
@@ -292,6 +294,7 @@ def test_dead_pixels(fault: str) -> None:
     assert error_of(data, empty_of(exact)) <= 0.001
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "most"), [("lamella", 0.015), ("vacuole", 0.003)])
 def test_much_noise(name: str, most: float) -> None:
     data = with_noise(object_(name), 0.7, seed=RNG_SEED)

@@ -69,6 +69,7 @@ def noise_only(exact: xr.Dataset, lost: NDArray[np.bool_]) -> xr.Dataset:
     return data
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "times"),
     [
@@ -90,6 +91,7 @@ def test_a_view_that_is_lost_spoils_no_other(name: str, times: slice) -> None:
     assert error(found, data["phase"], empty_of(exact)) <= 0.005
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("times", [slice(0, None, 2), slice(7, 14)])
 def test_a_view_that_is_dark_spoils_no_other(times: slice) -> None:
     exact = object_("crossing")
@@ -153,6 +155,7 @@ def test_noise_everywhere_loses_no_frame() -> None:
     assert not lost_frames(rng.uniform(-np.pi, np.pi, (4, 2, 32, 32)).astype(np.float32)).any()
 
 
+@pytest.mark.slow
 @pytest.mark.measured
 def test_no_measured_frame_counts_as_lost() -> None:
     rec = p4d.open_recording(measured("multiplexed/mux2_timelapse_t00-29.npz"))

@@ -68,6 +68,7 @@ def test_every_public_name_is_in_the_reference(extension: Callable[[str], Module
     assert len(listed) == len(set(listed)), "a name stands twice"
 
 
+@pytest.mark.slow
 def test_every_command_and_option_is_in_the_reference(
     extension: Callable[[str], ModuleType],
 ) -> None:

@@ -107,6 +107,7 @@ def test_a_cell_cut_out_without_its_rim_is_said(name: str, noise: float) -> None
     assert not said_of(cut_out(exact, phase, -3))
 
 
+@pytest.mark.slow
 def test_the_verdict_calls_no_result_safe_of_what_was_cut_out() -> None:
     exact = exact_of("swelling")
     phase = cut_out(exact, noisy(exact, 0.1), 2)
@@ -185,6 +186,7 @@ def overexposed(gain: float) -> p4d.Recording:
     return p4d.open_recording(grey, optics=rec.optics)
 
 
+@pytest.mark.slow
 def test_overexposed_holograms_are_said_to_be_so() -> None:
     """At three and a half times the light one of two views came out with the wrong sign."""
     rec = overexposed(3.5)
@@ -197,6 +199,7 @@ def test_overexposed_holograms_are_said_to_be_so() -> None:
     assert not any("clips" in doubt for doubt in found.doubts)
 
 
+@pytest.mark.slow
 def test_a_run_says_what_is_in_doubt_about_the_lobes_it_finds() -> None:
     rec = overexposed(3.5)
     recipe = p4d.Recipe(methods=("spatial-2d",), n_views=2)

@@ -87,6 +87,7 @@ def test_full_disk_leaves_older_tables_and_recipes(small_disk: Path) -> None:
     assert names_in(small_disk) == {"table.csv", "recipe.json"}
 
 
+@pytest.mark.slow
 def test_disk_that_fills_up_in_a_run(small_disk: Path, small_video: p4d.Recording) -> None:
     """What was written by then is whole; the rest is not there."""
     from napari_phase4d.pipeline import write_outcome

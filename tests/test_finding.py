@@ -107,6 +107,7 @@ def test_noise_shows_no_views_whatever_was_asked_for(n_views: int | None, words:
         p4d.find_lobes(p4d.open_recording(noise), n_views)
 
 
+@pytest.mark.slow
 def test_harmonic_is_no_view() -> None:
     """A camera that saturates adds harmonics."""
     frames = video(((0.12, 0.05),)).holograms.values.astype(float)

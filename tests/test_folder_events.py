@@ -105,6 +105,7 @@ def test_of_more_events_than_the_system_keeps_no_frame_is_missed(arriving, frame
     assert len(taken(arriving)) == 1
 
 
+@pytest.mark.slow
 @linux
 def test_a_large_folder_is_not_looked_through_for_each_frame(
     arriving, frames, monkeypatch: pytest.MonkeyPatch

@@ -126,6 +126,7 @@ def test_which_files_need_a_layout(tmp_path: Path) -> None:
     assert not needs_layout(tmp_path / "missing.raw")
 
 
+@pytest.mark.slow
 def test_dataset_is_chosen_in_every_file_of_a_folder_and_list(tmp_path: Path) -> None:
     files = [tmp_path / f"part{i}.h5" for i in range(2)]
     for i, path in enumerate(files):

@@ -395,6 +395,7 @@ def test_a_script_does_not_write_over_a_recording_of_its_own(tmp_path: Path) -> 
     assert path.read_bytes() == before
 
 
+@pytest.mark.slow
 def test_stacks_of_a_run_stay_where_they_are_read(phase: Path, tmp_path: Path) -> None:
     """They lie on disk, and are what the outcome is made of, in whatever form they are written."""
     out = tmp_path / "out"
@@ -443,6 +444,7 @@ def test_a_script_on_disk_does_not_replace_what_no_run_has_made(
     xr.testing.assert_identical(p4d.read_results(path).compute(), other)
 
 
+@pytest.mark.slow
 def test_results_that_another_run_has_replaced_are_not_read_as_those_of_before(
     tmp_path: Path, phase: Path
 ) -> None:

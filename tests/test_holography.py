@@ -162,6 +162,7 @@ def test_pixel_of_the_reconstruction_is_recorded(reconstruction, sample) -> None
     np.testing.assert_allclose(reconstruction["angle"], [-7, 21])
 
 
+@pytest.mark.slow
 def test_drift_is_removed_or_kept() -> None:
     exact = swimming_euglena((128, 128), 8, pixel_um=0.35, peak_rad=4)
     video = multiplexed_video(exact["phase"], drift_rad=0.5, seed=3)

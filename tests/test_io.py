@@ -156,6 +156,7 @@ def test_arrays_of_all_kinds() -> None:
     assert p4d.open_recording(FRAMES.tolist()).frame_shape == (24, 32)
 
 
+@pytest.mark.slow
 def test_napari_layer_gives_its_scale() -> None:
     layer = SimpleNamespace(
         data=FRAMES, name="film", axis_labels=("time", "y", "x"), rgb=False,
@@ -252,6 +253,7 @@ def damaged(tmp_path: Path, case: str) -> tuple[Path, str]:
     return tmp_path / "missing.tif", "there is no file or folder"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "case",
     [

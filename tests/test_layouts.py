@@ -64,6 +64,7 @@ def test_objects_near_the_border_of_a_view_are_a_reason_for_doubt(seed: int) -> 
     assert lobes.doubts_of_views
 
 
+@pytest.mark.slow
 def test_a_carrier_is_found_beside_brighter_structure() -> None:
     """A large object scatters nearly all light in the middle of the frame."""
     case = layout(404251)

@@ -56,6 +56,7 @@ def test_plain_video_has_one_view_and_gets_its_picture(plain_video: Path, tmp_pa
     assert not (tmp_path / "two.png").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*left out as lost")
 def test_no_words_below_the_picture_are_cut_off(plain_video: Path, tmp_path: Path) -> None:
     frames = np.load(plain_video)
@@ -112,6 +113,7 @@ def test_wrong_inputs_give_one_sentence(plain_video: Path, tmp_path: Path) -> No
             run_look(*arguments, "--out", tmp_path / "no.png")
 
 
+@pytest.mark.slow
 @pytest.mark.measured
 @pytest.mark.parametrize(
     ("name", "array", "views"),

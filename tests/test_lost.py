@@ -311,6 +311,7 @@ def test_scripts_are_warned_of_little_empty_field() -> None:
     assert data.attrs["background_share"] < 0.3
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*left out in view 2, as its fringes")
 def test_a_blocked_beam_loses_its_own_view_alone() -> None:
     exact = swimming_euglena((256, 256), 9, pixel_um=5.2 / 30)["phase"]
@@ -327,6 +328,7 @@ def test_a_blocked_beam_loses_its_own_view_alone() -> None:
     assert np.isfinite(data["phase"].values[~lost]).all()
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*as its fringes are gone or weak")
 @pytest.mark.parametrize(
     ("size", "radius", "off", "amplitude"),
@@ -483,6 +485,7 @@ def test_dark_frames_are_lost_even_where_most_are(pattern: str, level: int) -> N
     assert np.isfinite(found["phase"].values[~dark]).all()
 
 
+@pytest.mark.slow
 def test_light_between_the_frames_that_are_sampled_is_enough(video: Recording) -> None:
     """Of 63 frames 32 evenly apart are all dark."""
     frames = video.holograms.values[np.arange(63) % 9, :128, :128].copy()

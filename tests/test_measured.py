@@ -175,6 +175,7 @@ def test_red_blood_cells_are_found_and_nothing_else() -> None:
     assert 0.08 < masses.std() / masses.mean() < 0.25
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("blocked", [0, 1])
 def test_a_blocked_beam_in_a_measured_multiplex(blocked: int) -> None:
     """The view of the other channel goes on as it was, and the one that is gone is left out."""

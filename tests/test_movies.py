@@ -93,6 +93,7 @@ def test_every_phase_is_in_its_place_in_its_colour(frames: list[np.ndarray]) -> 
         assert np.ptp(middles[..., 1], axis=0).max() == 0
 
 
+@pytest.mark.slow
 def test_only_pictures_and_time_change(frames: list[np.ndarray]) -> None:
     changed = (frames[0] != frames[3]).any(axis=-1)
     assert changed[:30].any()  # the time
@@ -345,6 +346,7 @@ def test_labels_tell_following_times_apart(times: np.ndarray, labels: list[str])
     assert found == labels
 
 
+@pytest.mark.slow
 def test_a_view_of_which_nothing_is_known_is_drawn_empty(tmp_path: Path) -> None:
     phase = stack(np.zeros((1, 2))).copy(deep=True)
     phase[0, 1] = np.nan

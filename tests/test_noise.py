@@ -193,6 +193,7 @@ def test_sentence_names_time_space_and_amplitude() -> None:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["directional-l1", "directional-growing"])
 def test_phase_that_is_nothing_but_noise_is_said(method: str) -> None:
     rng = np.random.default_rng(0)

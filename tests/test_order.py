@@ -38,6 +38,7 @@ def heard_of(phase: object) -> list[str]:
     return [str(each.message) for each in heard]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("first", [0, 1])
 @pytest.mark.parametrize("n_times", [24, 110])
 @pytest.mark.parametrize("shape", SHAPES)
@@ -61,6 +62,7 @@ def by_name_of(n_times: int) -> list[int]:
     return [name - 1 for name in sorted(range(1, n_times + 1), key=str)]
 
 
+@pytest.mark.slow
 def test_no_result_of_frames_out_of_order_is_safe() -> None:
     """The verdict says why."""
     frames = by_name(moving("translating", 24, 0.1))
@@ -91,6 +93,7 @@ def test_other_recordings_are_in_order(shape: str, change: object) -> None:
     assert not [said for said in heard_of(change(frames)) if "order" in said]
 
 
+@pytest.mark.slow
 def test_what_tells_the_order_is_read_from_any_layout_in_part() -> None:
     """Dims in another order give the same, and a lazy stack is not read whole."""
     frames = by_name(moving("translating", 60, 0.1))

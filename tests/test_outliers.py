@@ -57,6 +57,7 @@ def wrapped(phase: np.ndarray) -> np.ndarray:
     return np.angle(np.exp(1j * phase)).astype(np.float32)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", [WL1, RGD])
 @pytest.mark.parametrize("noise", [0, 0.3])
 @pytest.mark.parametrize("by", [18, 25])
@@ -73,6 +74,7 @@ def test_a_torn_frame_spoils_no_other(peak: float, by: int, noise: float, method
     assert np.array_equal(np.round((found.values - flat)[BAD] / TURN), 0 * flat[BAD])
 
 
+@pytest.mark.slow
 def test_it_is_not_trusted_and_the_verdict_names_it() -> None:
     found = p4d.compare(wrapped(noisy(torn(drifting(15), BAD, 25), 0.2)), [WL1, "spatial-2d"])
     assert found.verdict.lost_frames == [(BAD, 0), (BAD, 1)]
@@ -83,6 +85,7 @@ def test_it_is_not_trusted_and_the_verdict_names_it() -> None:
         assert np.median(trust[BAD - 1]) > 0.9
 
 
+@pytest.mark.slow
 def test_two_of_many_are_both_left_out() -> None:
     phase = np.concatenate([drifting(12, 0.3)] * 3)
     phase = torn(torn(phase, 4, 25), 17, 20)
@@ -90,6 +93,7 @@ def test_two_of_many_are_both_left_out() -> None:
     assert {t for t, _ in found.attrs["lost_frames"]} == {4, 17}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("times", [(1, 3), (4, 6, 8), (56, 58)])
 def test_two_apart_are_no_witnesses_of_each_other(times: tuple[int, ...]) -> None:
     phase = np.concatenate([drifting(12, 0.3)[:1]] * 60)
@@ -197,6 +201,7 @@ def test_a_thick_cell_that_turns_fast_is_kept(
     assert TURN**2 * np.mean(np.round((found.values - exact) / TURN) ** 2) < 0.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("times", [(7, 15, 22), (4,)])
 def test_a_cell_that_is_seen_once_is_kept(times: tuple[int, ...]) -> None:
     """As in a fast flow: the frames beside it agree, as both are empty."""
@@ -218,6 +223,7 @@ def test_a_boundary_frame_that_is_left_out_spoils_nothing() -> None:
     assert not off[np.arange(N) != BAD].any()
 
 
+@pytest.mark.slow
 def test_on_disk_it_is_remembered_for_the_verdict(tmp_path: Path) -> None:
     """What is needed on the way only goes there, and the verdict comes last."""
     values = wrapped(noisy(torn(drifting(15), BAD, 25), 0.2))

@@ -310,6 +310,7 @@ def compared_with_other_order(tmp_path_factory: pytest.TempPathFactory) -> tuple
     return folder / "out", done.stdout
 
 
+@pytest.mark.slow
 def test_truth_in_another_order_is_written_as_the_table_takes_it(
     compared_with_other_order: tuple[Path, str],
 ) -> None:
@@ -330,6 +331,7 @@ def test_steps_of_truth_in_another_order_are_told_and_all_noted_files_are_there(
     assert all((folder / file["name"]).exists() for file in noted)
 
 
+@pytest.mark.slow
 def test_truth_in_degrees_is_written_in_radians(tmp_path: Path) -> None:
     few = YEAST.isel(time=slice(2), angle=slice(2))
     path = write_phase(tmp_path / "wrapped.ome.tif", few["wrapped"])

@@ -71,6 +71,7 @@ def test_methods_may_be_called_by_the_names_on_screen(reconstruction) -> None:
     assert recipe.options == {"temporal-angular": {"registration": False}}
 
 
+@pytest.mark.slow
 def test_compare_checks_before_it_works(reconstruction) -> None:
     phase = reconstruction["phase"]
     with pytest.raises(ValueError, match="method must be one of"):
@@ -88,6 +89,7 @@ def test_compare_gives_what_unwrap_gives(small_video) -> None:
         xr.testing.assert_identical(result, p4d.unwrap(phase, method, (2, 1)))
 
 
+@pytest.mark.slow
 def test_figure_has_a_picture_for_every_method_and_frame(tmp_path: Path, reconstruction) -> None:
     phase = reconstruction["phase"]
     path = tmp_path / "figure.png"
@@ -260,6 +262,7 @@ def test_paper_methods_are_the_papers_five() -> None:
     ]
 
 
+@pytest.mark.slow
 def test_times_come_back_from_the_frame_rate() -> None:
     frames = np.zeros((40, 16, 16), np.uint8)
     for rate in np.random.default_rng(0).uniform(0.1, 300, 200):

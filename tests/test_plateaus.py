@@ -51,6 +51,7 @@ def wrong_pixels(unwrapped: xr.DataArray, whole: xr.DataArray, truth: xr.DataArr
     return off != 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("height", "width", "noise"), [(6.3, 0.8, 0.5), (12.6, 1.4, 0.6)])
 def test_a_sheet_a_turn_or_two_high_is_no_field(height: float, width: float, noise: float) -> None:
     truth = sheet(height, width)
@@ -76,6 +77,7 @@ def test_a_sheet_a_turn_or_two_high_is_no_field(height: float, width: float, noi
     assert compared.verdict.method == "directional-l1"
 
 
+@pytest.mark.slow
 def test_the_field_that_is_shown_has_no_sheet() -> None:
     truth = sheet(6.3)
     wrapped, _ = noisy(truth, 0.2)

@@ -43,6 +43,7 @@ def test_scores_are_shares(case: Case) -> None:
     np.testing.assert_array_equal(case.phase, before)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:phase (is just|jumps by)")
 @quick
 @given(case=noise(), wrong=st.integers(-3, 3))

@@ -101,6 +101,7 @@ def test_results_are_inputs_again(tmp_path: Path, outcome: Outcome, form: str) -
         )
 
 
+@pytest.mark.slow
 def test_a_reference_file_is_noted_too(tmp_path: Path, outcome: Outcome, video_file: Path) -> None:
     np.save(tmp_path / "empty.npy", np.load(video_file)[:1])
     recipe = outcome.recipe.changed(reference=str(tmp_path / "empty.npy"))

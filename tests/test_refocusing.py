@@ -251,6 +251,7 @@ def test_a_recording_that_is_in_focus_stays_there(reconstruction, sample, lobes)
         p4d.reconstruct(sample.recording, lobes, refocus_um="there")
 
 
+@pytest.mark.slow
 @pytest.mark.measured
 @pytest.mark.parametrize("metric", ["dubois", "tamura"])
 def test_measured_paramecium_is_found_where_it_was_published(metric: str) -> None:

@@ -134,6 +134,7 @@ def test_commands_take_auto_or_a_frame_and_say_which(phase_file: Path) -> None:
     assert "time 7, angle" in told("compare", *line[1:])
 
 
+@pytest.mark.slow
 def test_script_starts_from_the_same_frame(phase_file: Path) -> None:
     recipe = p4d.Recipe(recording=str(phase_file), methods=METHODS[:1])
     assert 'boundary="auto"' in as_python(recipe)

@@ -247,6 +247,7 @@ def test_cancelling_leaves_whole_stacks_only(
         assert np.isfinite(p4d.read_results(tmp_path / name).values).all()
 
 
+@pytest.mark.slow
 def test_the_default_place_goes_when_it_is_not_needed(
     video: Recording, recipe: p4d.Recipe
 ) -> None:

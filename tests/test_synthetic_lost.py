@@ -137,6 +137,7 @@ def test_it_is_named_wherever_results_lie(storage: str, tmp_path: Path) -> None:
         p4d.run(recipe, folder=tmp_path / "out")
 
 
+@pytest.mark.slow
 def test_other_methods_are_not_judged_by_a_partner_that_says_nothing() -> None:
     data = plates(TWO)
     wrapped = without(data["wrapped"], (1, 1), "noise")

@@ -110,6 +110,7 @@ def test_what_is_too_large_for_a_tiff_is_written_as_bigtiff(
     assert_equal(read_results(path), stack())
 
 
+@pytest.mark.slow
 def test_opened_by_ome_zarr(tmp_path: Path) -> None:
     from ome_zarr.io import parse_url
     from ome_zarr.reader import Reader
@@ -173,6 +174,7 @@ def test_lazy_stacks_are_written_in_bounded_memory(
         assert (found[time].values == lazy[time].values).all()
 
 
+@pytest.mark.slow
 def test_parts_follow_the_chunks_of_a_lazy_stack() -> None:
     frame = xr.DataArray(da.zeros((1, 1, 1024, 1024), dtype=np.float32), dims=DIMS)
     lengths = (3, 3, 3, 20, 1, 1)

@@ -489,6 +489,7 @@ def test_constant_phase_stays_as_it_is() -> None:
         np.testing.assert_allclose(result, 0.4, atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", p4d.METHODS)
 def test_what_is_not_known_is_not_known_in_the_result(method: str) -> None:
     """It is no zero, which would be measured; a zero is what is left out of the object."""
@@ -513,6 +514,7 @@ def test_nan_outside_the_mask_is_fine() -> None:
         np.testing.assert_allclose(result[0, 0, 6:], data["phase"].values[0, 0, 6:], atol=1e-4)
 
 
+@pytest.mark.slow
 def test_input_is_left_as_it_was() -> None:
     wrapped = growing_cell(3, 2)["wrapped"]
     before = wrapped.copy(deep=True)

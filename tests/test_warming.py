@@ -83,6 +83,7 @@ def test_a_program_without_an_interpreter_goes_on(
     assert running.warm_up_elsewhere.__wrapped__() is None
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="Windows has no timers of this kind")
 @pytest.mark.parametrize("error", [KeyboardInterrupt, ToldToEndError])
 def test_what_a_signal_raises_is_no_fault_of_a_loop(

@@ -94,6 +94,7 @@ def test_the_recordings_own_wavelength_counts_where_a_lobe_names_none(
     xr.testing.assert_equal(p4d.reconstruct(hologram, lobes)["phase"], reconstruction["phase"])
 
 
+@pytest.mark.slow
 def test_one_wavelength_leaves_everything_as_it_was(hologram: p4d.Recording) -> None:
     plain = [p4d.Lobe(lobe.carrier, lobe.radius, i) for i, lobe in enumerate(lobes_of())]
     named = [
@@ -113,6 +114,7 @@ def test_one_wavelength_leaves_everything_as_it_was(hologram: p4d.Recording) -> 
     assert p4d.reconstruct(hologram, other).attrs["wavelength_um"] == 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("named", [None, 0.6328, 0.5])
 def test_a_wavelength_that_lobes_name_is_not_the_microscopes(
     hologram: p4d.Recording, named: float | None
@@ -326,6 +328,7 @@ def test_neighbours_settle_what_noise_leaves_in_doubt(
     assert settled < each / least
 
 
+@pytest.mark.slow
 def test_no_plate_is_joined_to_the_field_by_one_step_that_looks_smooth() -> None:
     """Noise makes a step over a wall look smooth now and then; a plate was then 3.3 um too low."""
     for seed in (1, 2):
@@ -400,6 +403,7 @@ def through_optics(peak_rad: float) -> tuple[xr.Dataset, np.ndarray]:
     return data, exact["phase"].values[:, :, rows][..., columns]
 
 
+@pytest.mark.slow
 def test_through_the_optics_the_edges_of_views_are_right_too() -> None:
     """A transform mixes opposite edges: whole columns were a turn off, and taken for an object."""
     data, truth = through_optics(14)
@@ -452,6 +456,7 @@ def test_a_run_refuses_it_before_the_long_work() -> None:
     assert not asked
 
 
+@pytest.mark.slow
 def test_all_methods_are_run_where_they_suit() -> None:
     data = at_wavelengths(step_phantom((48, 64), (0.9,), 2), TWO)
     assert METHOD in p4d.compare(data["wrapped"]).results

@@ -20,6 +20,7 @@ from napari_phase4d.unwrapping import Problem, views_apart
 from test_wavelengths import ANGLES, METHOD, PLATES, TURN, TWO, through_optics
 
 
+@pytest.mark.slow
 def test_steep_rims_that_optics_blur_are_not_settled_by_wavelengths() -> None:
     """They agree on wrong counts there; Synthetic has many, and it was said to be the safest."""
     data, truth = through_optics(22)
@@ -34,6 +35,7 @@ def test_steep_rims_that_optics_blur_are_not_settled_by_wavelengths() -> None:
     assert found.verdict.startswith("Use WL1")
 
 
+@pytest.mark.slow
 def test_trust_goes_by_how_far_wavelengths_agree() -> None:
     data = with_noise(at_wavelengths(step_phantom(paths_um=PLATES, n_times=2), TWO), 0.1, seed=1)
     found = p4d.compare(data["wrapped"], ["temporal-angular", "directional-l1", METHOD])
@@ -48,6 +50,7 @@ def test_trust_goes_by_how_far_wavelengths_agree() -> None:
     xr.testing.assert_allclose(alone, found.confidence(METHOD))
 
 
+@pytest.mark.slow
 def test_without_an_empty_field_wavelengths_tell_no_level() -> None:
     """As each drifts by itself: Synthetic was trusted, whose frames are turns off each other."""
     t, y, x = np.mgrid[:8, -40:40, -40:40].astype(float)
@@ -65,6 +68,7 @@ def test_without_an_empty_field_wavelengths_tell_no_level() -> None:
     assert "No empty field is in view" in found.verdict
 
 
+@pytest.mark.slow
 def test_an_angle_without_empty_field_leaves_the_other_to_the_wavelengths() -> None:
     exact = step_phantom((80, 96), (0.4, 0.9, 1.4), 3, angles_deg=ANGLES)
     y, x = np.mgrid[:80, :96].astype(float)
@@ -97,6 +101,7 @@ def test_tall_plates_of_close_wavelengths_are_not_doubted() -> None:
     assert (found.confidence(METHOD).values[right] > 0.5).mean() > 0.98
 
 
+@pytest.mark.slow
 def test_counts_on_which_wavelengths_agree_by_accident_are_doubted() -> None:
     """At steep rims Synthetic makes them agree a turn off; such pixels were trusted to 97 %."""
     cell = moving_shape("vacuole", n_times=9).isel(angle=[0])
@@ -127,6 +132,7 @@ def cell_at_two() -> xr.Dataset:
     return at_wavelengths(swimming_euglena((96, 128), 5, peak_rad=12, pixel_um=0.35), TWO)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("down", "right"), [(1, 0), (2, -1), (-6, 4)])
 def test_views_that_lie_off_each_other_are_said_and_not_trusted(down: int, right: int) -> None:
     """Synthetic was the verdict, and of the pixels it was sure of up to 10 % were wrong."""

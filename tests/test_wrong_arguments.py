@@ -295,6 +295,7 @@ def twins(rec: p4d.Recording) -> list[p4d.Lobe]:
     return [lobe, p4d.Lobe((ky + 1e-6, kx), lobe.radius, 40.0)]
 
 
+@pytest.mark.slow
 def test_a_table_that_no_batch_has_made_is_kept(npy: Path, tmp_path: Path) -> None:
     recipe = p4d.Recipe(methods=("temporal",), mask=None)
     for name in ("summary.csv", "cells.csv"):

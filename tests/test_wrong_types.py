@@ -254,6 +254,7 @@ def test_a_movie_takes_what_gives_its_frames_one_by_one(tmp_path: Path) -> None:
         assert path.read_bytes() == usual
 
 
+@pytest.mark.slow
 def test_a_batch_takes_files_that_are_found_one_by_one(tmp_path: Path) -> None:
     for name in ("a.npy", "b.npy"):
         np.save(tmp_path / name, WRAPPED.values)

@@ -105,6 +105,7 @@ def check_reads_right(path: Path) -> None:
         np.testing.assert_array_equal(recording.raw_frame(number), frame)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", THREE)
 def test_what_is_packed_well_is_read_right(case: str, tmp_path: Path) -> None:
     check_reads_right(store_of(tmp_path, **THREE[case]()))

@@ -41,6 +41,7 @@ def test_scale_is_the_mean_spacing_in_either_direction(
     assert region_layer(stack(y=places), "regions")["scale"] == [expected, 0.5]
 
 
+@pytest.mark.slow
 def test_a_layer_gives_its_stack_back(small_video) -> None:
     wanted = stack(time=[0.0, 0.7], angle=[-7.0, 21.0])
     viewer = ViewerModel()

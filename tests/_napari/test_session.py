@@ -45,6 +45,7 @@ def test_it_needs_neither_qt_nor_napari() -> None:
     assert found.stdout.strip() == "[]"
 
 
+@pytest.mark.slow
 def test_states_from_nothing_to_results_and_back(session: Session) -> None:
     assert step_states(Session()) == (READY, TO_DO, TO_DO, TO_DO, TO_DO)
     assert step_states(session) == (DONE, READY, TO_DO, TO_DO, TO_DO)
@@ -118,6 +119,7 @@ def test_a_script_through_the_session_gives_what_functions_give(session, small_v
         np.testing.assert_array_equal(session.results[method].values, expected.values)
 
 
+@pytest.mark.slow
 def test_recipe_file_brings_everything_back(session: Session, tmp_path: Path) -> None:
     video = tmp_path / "video.npy"
     np.save(video, session.recording.holograms.values)
@@ -148,6 +150,7 @@ def test_forced_content_is_kept_in_recipe_and_script(session: Session, tmp_path:
     assert session.recipe.content == "auto"
 
 
+@pytest.mark.slow
 def test_errors_against_a_chosen_truth() -> None:
     data = yeast_sample()
     session = Session()

@@ -44,8 +44,10 @@ def test_what_a_recipe_sets_unseen_ends_with_its_recording(
     small_video: Recording, tmp_path: Path
 ) -> None:
     cells = CellSettings(threshold_rad=1.5, smallest_um2=7)
+    video = tmp_path / "video.npy"
+    np.save(video, small_video.holograms.values)
     path = p4d.Recipe(
-        recording="sample:euglena", first_frames=2, confidence=True, storage="disk", cells=cells
+        recording=str(video), first_frames=2, confidence=True, storage="disk", cells=cells
     ).to_file(tmp_path / "recipe.json")
     session = Session()
     session.open(path)
@@ -72,6 +74,7 @@ def watched(session: Session, video: Recording, folder: Path) -> Plan:
     return plan_watching(session, camera, folder / "out", frames=video.n_frames, patience_s=9)
 
 
+@pytest.mark.slow
 def test_what_a_watch_sets_unseen_ends_with_its_recording(
     small_video: Recording, tmp_path: Path
 ) -> None:
@@ -108,6 +111,7 @@ def test_the_layout_of_raw_frames_is_none_of_phase(ready: Session, tmp_path: Pat
     assert session.recipe.raw is None
 
 
+@pytest.mark.slow
 def test_the_time_of_a_run_is_that_of_what_is_ticked(ready: Session) -> None:
     ready.update(methods=("spatial-2d",))
     plan = quiet(ready, "Estimating the time")
