@@ -107,7 +107,7 @@ def honest() -> dict[str, NDArray[np.float64]]:
     return scenes
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_rims_at_any_level_of_the_field_are_hardly_ever_taken_for_it() -> None:
     """At 2.2 to 2.8 rad a rim goes from near one end of the turn to near the other one."""
     rng, said = np.random.default_rng(7), []

@@ -387,7 +387,8 @@ def test_cells_without_a_label_are_no_empty_field(left_out: list[int], masked: b
     phase = balls([(-12, -12), (12, 12), (12, -12)])
     seen = phase + np.random.default_rng(0).normal(0, 0.2, phase.shape).astype(np.float32)
     if masked:
-        seen = seen.where(phase > 0, 0).assign_attrs(mask="auto")
+        seen = seen.where(phase > 0, 0)
+        seen = seen.assign_attrs(mask="auto", drift_removed=True, background="tilt")
     cells = p4d.find_cells(phase)
     table = p4d.measure(seen, cells.where(~cells.isin(left_out), 0).astype(np.int32), OPTICS)
     alone = table[table["cell"] == 1]

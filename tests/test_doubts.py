@@ -217,7 +217,7 @@ def test_a_run_says_what_is_in_doubt_about_the_lobes_it_finds() -> None:
     assert not any("saturated" in str(each.message) for each in heard_then)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_thin_and_thick_objects_at_any_level_are_hardly_ever_doubted() -> None:
     rng = np.random.default_rng(5)
     shapes = ["swelling", "tumbling", "bending", "dividing", "translating"]

@@ -12,7 +12,13 @@ import scipy
 import skimage
 from numpy.typing import NDArray
 
-from napari_phase4d.analysis.cell_frames import level_of, risen
+from napari_phase4d.analysis.cell_frames import (
+    field_left_by_mask,
+    level_beside,
+    level_of,
+    mask_of,
+    risen,
+)
 from napari_phase4d.later import pd, xr
 from napari_phase4d.optics import Optics
 from napari_phase4d.stack import parts_over_time
@@ -34,6 +40,8 @@ CONTACT, CONTACT_SHARE = 3, 0.08
 #: Pixels whose wrap count is right with less than this chance are in doubt. One standard deviation
 #: is what 68 of 100 values lie within, and those that are surer than that leave it as it is.
 SURE = 0.68
+#: The level is known where phase at the edge of a mask is not further from it, in radians.
+LEVEL_KNOWN = 0.25
 #: Pixels round a cell over which its mass is summed as well.
 BLURRED = 3
 #: A cell is not wholly in view where the phase of more than this share of it is not known.
@@ -80,7 +88,7 @@ def table_of_cells(
     pixel_um2 = sides_um[0] * sides_um[1]
     scale = path_scale(stack, optics)
     light = wavelengths_of(stack) if WAVELENGTH in stack.coords else None
-    masked = stack.attrs.get("mask", "none") != "none"
+    mask = mask_of(stack)
     frames: list[dict[str, Any]] = []
     for part, phase in parts_over_time(stack):
 
@@ -90,7 +98,7 @@ def table_of_cells(
             # Some programs number in 8 bits, in which SciPy can't count up.
             of_frame = np.asarray(labels[time, angle]).astype(np.int32)
             trust = None if confidence is None else np.asarray(confidence[time, angle])
-            found = cells_of_frame(phase[i, angle], of_frame, trust, sides_um, masked=masked)
+            found = cells_of_frame(phase[i, angle], of_frame, trust, sides_um, mask=mask)
             along = math.cos(math.radians(places["angle"][angle])) if oblique else 1.0
             return found | {
                 "time (s)": places["time"][time],
@@ -103,13 +111,19 @@ def table_of_cells(
         every = in_threads(measured, np.ndindex(*phase.shape[:2]), watch)
         frames += [found for found in every if len(found["cell"])]
     if not frames:
-        msg = "there are no cells where the phase is known; find some with find_cells()"
+        msg = (
+            "there are no cells where the phase is known; find_cells() finds what rises above the "
+            "empty field"
+        )
         raise NoCellsError(msg)
+    if not is_levelled(stack):
+        doubt_level([bool(found["level known"]) for found in frames])
     # A table for each frame would take more memory, and time, than all that is in them.
     table = pd.DataFrame(
         {
             name: np.concatenate([np.broadcast_to(f[name], f["cell"].shape) for f in frames])
             for name in frames[0]
+            if name != "level known"
         }
     )
     sums, masses, errors = (
@@ -216,15 +230,15 @@ def cells_of_frame(
     trust: Image | None,
     sides_um: tuple[float, float],
     *,
-    masked: bool,
+    mask: str,
 ) -> dict[str, Any]:
     """Return sums over the pixels of every cell of a frame (y, x), and their errors, in radians.
 
-    The level of the empty field round the cells is taken off. Where a mask has left that out, as
-    0, the level is taken to be 0, and the error is that of the noise alone. What rises as cells do
-    is no empty field, whether it has a label or not: cells may be left out, or be too small.
+    The level of the empty field round the cells is taken off. Of what a mask has left out, as 0, a
+    rim stays where it was found; where one was given the level is taken to be 0. What rises as
+    cells do is no empty field, whether it has a label or not: cells may be left out, or too small.
     """
-    known = np.isfinite(phase) & ((phase != 0) | (not masked))
+    known = np.isfinite(phase) & ((phase != 0) | (mask == "none"))
     inside = np.where(known, labels, 0)
     counts = np.bincount(inside.ravel())
     numbers = np.flatnonzero(counts[1:]) + 1
@@ -236,10 +250,21 @@ def cells_of_frame(
     n_summed = np.bincount(summed.ravel())[numbers]
     filled = np.where(known, phase, 0).astype(np.float32)
     noise = noise_of(filled, known)
-    field = 0.0 if masked else level_of(filled[known])
+    field = level_of(filled[known]) if mask == "none" else 0.0
+    beside = math.nan if mask == "none" else level_beside(filled, known)
+    if mask == "auto":
+        beside = field_left_by_mask(filled, known, noise)
+        field = beside if math.isfinite(beside) else 0.0
+    filled[~known] = field
     object_ = risen(filled, known, field, noise)[1] | (labels > 0)
     empty = known & (scipy.ndimage.maximum_filter(object_.view(np.uint8), 2 * AWAY + 1) == 0)
-    level = float(np.median(phase[empty])) if empty.any() else 0.0
+    usual = field if mask == "auto" else 0.0
+    level = float(np.median(phase[empty])) if empty.any() else usual
+    level_known = (
+        empty.any()
+        or (mask == "auto" and math.isfinite(beside))
+        or (mask == "given" and abs(beside - level) < LEVEL_KNOWN)
+    )
     height = np.where(known, phase - level, 0.0)
     sums = np.bincount(inside.ravel(), height.ravel())[numbers]
     masses = np.bincount(summed.ravel(), height.ravel())[numbers]
@@ -258,6 +283,7 @@ def cells_of_frame(
     edge = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
     unknown = np.bincount(wider[~np.isfinite(phase)], minlength=counts.size)[numbers]
     return {
+        "level known": level_known,
         "cell": numbers,
         "count": count,
         "sum": sums,
@@ -269,6 +295,23 @@ def cells_of_frame(
         "perimeter": perimeters_um(inside, sides_um)[numbers],
         "whole": ~np.isin(numbers, edge) & (unknown <= UNKNOWN_SHARE * (n_summed + unknown)),
     }
+
+
+def is_levelled(stack: xr.DataArray) -> bool:
+    """Say whether the empty field was put to 0 in each frame when holograms were reconstructed."""
+    noted = stack.attrs
+    return bool(noted.get("drift_removed")) and noted.get("background", "none") != "none"
+
+
+def doubt_level(known: Sequence[bool]) -> None:
+    """Warn if the level of the empty field is not known in some frames."""
+    unknown = len(known) - sum(known)
+    if unknown:
+        warn(
+            f"in {unknown} of {len(known)} frames no empty field is seen round the cells, or a "
+            "mask left it out; its level counts as 0 there, which may be wrong, and errors don't "
+            "tell; unwrap with mask=None to know it"
+        )
 
 
 def perimeters_um(labels: Labels, sides_um: tuple[float, float]) -> NDArray[np.float64]:
@@ -329,7 +372,8 @@ def error_of_mean(
         sizes.append(side * side)
         spread.append(max(float(np.std(means)), 1e-9))
     if not sizes:
-        return np.asarray(noise / np.sqrt(count))
+        of_level = noise**2 / n_empty if (n_empty := np.count_nonzero(empty)) else 0.0
+        return np.asarray(np.sqrt(noise**2 / count + of_level))
     found: Image = np.exp(np.interp(np.log(count), np.log(sizes), np.log(spread)))
     # The level was told from the same field.
     return np.hypot(found, spread[-1] / math.sqrt(max(int(empty.sum()) / sizes[-1], 1.0)))

@@ -90,7 +90,7 @@ def itoh_margin(
         margin = phase.copy(data=largest)
         margin.attrs = {
             "units": "pi rad",
-            "share_beyond": share_beyond(phase, inside, axis, watch),
+            "share_beyond": share(*steps_beyond(phase, inside, axis, watch)),
         }
         maps[f"along_{dim}"] = margin
     return xr.Dataset(maps)
@@ -109,7 +109,7 @@ def margin_of_each(
     Views of different wavelengths have different phase, which is no step of the object.
     """
     margin = phase.copy(data=np.zeros(phase.shape, dtype=np.float32))
-    beyond = count = 0.0
+    beyond = count = 0
     for views in groups:
         if len(views) < 2:
             continue
@@ -118,10 +118,9 @@ def margin_of_each(
         alike = part.assign_coords(wavelength=("angle", [1.0] * len(views)))
         own = itoh_margin(alike, inside, **task.calls)
         margin[{"angle": views}] = own["along_angle"].values
-        steps = len(views) - 1
-        beyond += steps * own["along_angle"].attrs["share_beyond"]
-        count += steps
-    margin.attrs = {"units": "pi rad", "share_beyond": beyond / count if count else 0.0}
+        found = steps_beyond(part, inside, part.dims.index("angle"), Watch(1, "", task.quiet))
+        beyond, count = beyond + found[0], count + found[1]
+    margin.attrs = {"units": "pi rad", "share_beyond": share(beyond, count)}
     return margin
 
 
@@ -149,10 +148,10 @@ def larger_step(values: NDArray[np.floating], axis: int) -> NDArray[np.floating]
     return larger
 
 
-def share_beyond(
+def steps_beyond(
     phase: xr.DataArray, inside: xr.DataArray | None, axis: int, watch: Watch
-) -> float:
-    """Return the share of the steps along an axis that are beyond pi, of those known inside."""
+) -> tuple[int, int]:
+    """Return how many steps along an axis are beyond pi, and how many are known inside."""
     beyond, count = 0, 0
     for part, values in parts_over_time(phase, more=int(axis == 0)):
         watch.check()
@@ -162,7 +161,12 @@ def share_beyond(
             counted &= both_ends(np.asarray(inside.data[part]), axis)
         beyond += int(np.count_nonzero(steps[counted] > 1))
         count += int(np.count_nonzero(counted))
-    return beyond / count if count else 0.0
+    return beyond, count
+
+
+def share(some: int, count: int) -> float:
+    """Return what share of a count some are, 0 of none."""
+    return some / count if count else 0.0
 
 
 @checked_call

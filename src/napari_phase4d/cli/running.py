@@ -63,13 +63,14 @@ from napari_phase4d.pipeline import (
     stacks_beside,
     typed_into,
     watch,
+    what_needs_holograms,
+    without_holograms,
     write_files,
 )
 from napari_phase4d.sample import is_sample
 from napari_phase4d.stacks import wavelengths_of
 from napari_phase4d.task import Task
 from napari_phase4d.unwrapping import METHODS, methods_for
-from napari_phase4d.warned import warn
 from napari_phase4d.words import counted, printable
 
 __all__ = ["compare_command", "run_command", "watch_command"]
@@ -126,22 +127,10 @@ def with_optics(recipe: Recipe, numbers: Mapping[str, float]) -> Recipe:
 
 
 def without_fields(recipe: Recipe) -> Recipe:
-    """Return a recipe without what needs the fields of holograms, where the file holds phase.
-
-    Else a recipe that is written with the results would say what was not done.
-    """
-    asked = {
-        "refocusing": recipe.refocus_um is not None,
-        "taking a tilt off each frame": recipe.tilt_per_frame,
-    }
-    names = [name for name, on in asked.items() if on]
-    if not names or not recipe.recording or not is_phase(recipe):
+    """Return a recipe without what needs the fields of holograms, where the file holds phase."""
+    if not recipe.recording or not what_needs_holograms(recipe) or not is_phase(recipe):
         return recipe
-    warn(
-        f"{Path(recipe.recording).name} holds wrapped phase; {' and '.join(names)} "
-        f"{'needs' if len(names) == 1 else 'need'} holograms, and will not be done"
-    )
-    return recipe.changed(refocus_um=None, tilt_per_frame=False)
+    return without_holograms(recipe, Path(recipe.recording).name)
 
 
 def is_phase(recipe: Recipe) -> bool:

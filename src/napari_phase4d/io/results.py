@@ -37,6 +37,7 @@ from napari_phase4d.stacks import (
     AXES,
     in_units,
     with_coordinates,
+    with_light,
 )
 from napari_phase4d.task import UNWATCHED, CancelledCall, ProgressCall, Task
 from napari_phase4d.words import (
@@ -245,6 +246,7 @@ def write_phase(
     stack = stack.transpose(*AXES)
     plain = all(stack[axis].dtype.kind in "iuf" for axis in AXES)
     stack = in_units(stack, "the stack") if plain else with_coordinates(stack, "the stack")
+    stack = with_light(stack, "the stack")
     task = Task(progress, cancelled)
     if path.suffix.lower() == ZARR_SUFFIX:
         check_zarr_or_none(path)

@@ -50,7 +50,9 @@ from napari_phase4d.pipeline.starting import (
     start_sentence,
     start_words,
     typed_into,
+    what_needs_holograms,
     with_start,
+    without_holograms,
 )
 from napari_phase4d.words import EXPECTED, sentence_of, size_in_words, time_in_words
 
@@ -104,7 +106,9 @@ __all__ = [
     "unwrap_by",
     "warm_up_elsewhere",
     "watch",
+    "what_needs_holograms",
     "with_start",
+    "without_holograms",
     "working_bytes",
     "write_files",
     "write_outcome",

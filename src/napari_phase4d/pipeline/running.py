@@ -52,6 +52,7 @@ from napari_phase4d.pipeline.starting import (
     say_what_counts,
     say_what_file_says,
     with_start,
+    without_holograms,
 )
 from napari_phase4d.pipeline.streaming import reconstruct_to_disk
 from napari_phase4d.recording import Recording
@@ -242,6 +243,7 @@ def run_unwarned(
         say_what_counts(recipe, recording)
     opened = recording if recording is not None else open_by(recipe)
     if isinstance(opened, xr.DataArray):
+        recipe = without_holograms(recipe, "the file")
         say_what_file_says(recipe, opened)
         check_start(recipe, opened.shape)
         check_light(recipe.methods, wavelengths_of(opened), opened["angle"].values)
@@ -347,8 +349,8 @@ def cells_by(
     )
     if found.table.empty:
         warn(
-            "no cells were found; is the object thinner than threshold_rad, or smaller than "
-            "smallest_um2?"
+            "no cells were found; is the object thinner than threshold_rad, smaller than "
+            "smallest_um2, or lower than the empty field (then flip the lobe, or give -phase)?"
         )
     elif trust is None:
         warn(

@@ -44,7 +44,9 @@ __all__ = [
     "start_sentence",
     "start_words",
     "typed_into",
+    "what_needs_holograms",
     "with_start",
+    "without_holograms",
 ]
 
 
@@ -214,6 +216,31 @@ def say_what_counts(recipe: Recipe, recording: Recording) -> None:
             f"the {' and '.join(passed_over)} of the recording count, not those of the recipe; "
             "give them to open_recording() to use them"
         )
+
+
+def what_needs_holograms(recipe: Recipe) -> list[str]:
+    """Return what a recipe asks for that wrapped phase does not give."""
+    asked_for = {
+        "a reference": recipe.reference is not None,
+        "refocusing": recipe.refocus_um is not None,
+        "taking a tilt off each frame": recipe.tilt_per_frame,
+    }
+    return [name for name, on in asked_for.items() if on]
+
+
+def without_holograms(recipe: Recipe, name: str) -> Recipe:
+    """Return a recipe without what needs holograms, and warn of that; ``name`` holds phase.
+
+    Else a recipe that is written with the results would say what was not done.
+    """
+    names = what_needs_holograms(recipe)
+    if not names:
+        return recipe
+    warn(
+        f"{name} holds wrapped phase; {' and '.join(names)} "
+        f"{'needs' if len(names) == 1 else 'need'} holograms, and will not be done"
+    )
+    return recipe.changed(reference=None, refocus_um=None, tilt_per_frame=False)
 
 
 def say_what_file_says(recipe: Recipe, phase: xr.DataArray) -> None:

@@ -39,6 +39,7 @@ from napari_phase4d.stacks.notes import (
     kind_of,
     wavelength_coordinate,
     wavelengths_of,
+    with_light,
 )
 from napari_phase4d.stacks.numbers import Doubt, looks_wrapped
 
@@ -73,6 +74,7 @@ __all__ = [
     "wavelength_coordinate",
     "wavelengths_of",
     "with_coordinates",
+    "with_light",
     "without_masked",
     "wrapped_stack",
 ]
