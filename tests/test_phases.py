@@ -20,6 +20,7 @@ from napari_phase4d.io import (
     holds_phase,
     open_input,
     open_phase,
+    open_truth,
     read_results,
     write_phase,
 )
@@ -341,3 +342,20 @@ def test_truth_in_degrees_is_written_in_radians(tmp_path: Path) -> None:
     write_outcome(outcome, tmp_path / "out")
     exact = read_results(tmp_path / "out" / "exact.ome.tif")
     np.testing.assert_allclose(exact, few["phase"], atol=1e-4)
+
+
+def test_truth_of_a_file_without_places_is_taken_by_its_shape(tmp_path: Path) -> None:
+    few = YEAST.isel(time=slice(2), angle=slice(2))
+    np.save(tmp_path / "exact.npy", few["phase"].values)
+    wrapped = write_phase(tmp_path / "wrapped.ome.tif", few["wrapped"])
+    exact = open_truth(tmp_path / "exact.npy")
+    assert not exact.coords
+    phase = p4d.open_phase(wrapped)
+    found, wanted = (
+        p4d.compare(phase, ("temporal",), truth=truth).table["mse_rad2"].item()
+        for truth in (exact, few["phase"])
+    )
+    assert found == wanted
+    # What the file says itself still counts.
+    path = write_phase(tmp_path / "exact.ome.tif", few["phase"].isel(time=[1]))
+    assert open_truth(path)["time"].item() == few["time"].values[1]

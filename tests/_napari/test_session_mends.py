@@ -111,6 +111,27 @@ def test_the_layout_of_raw_frames_is_none_of_phase(ready: Session, tmp_path: Pat
     assert session.recipe.raw is None
 
 
+def test_phase_with_other_axes_and_units_is_taken_as_it_is_meant() -> None:
+    """Its object was transposed, and its layer lay 1000 times off."""
+    phase = p4d.simulation.swimming_euglena((48, 64), 3)["wrapped"]
+    turned = phase.transpose("angle", "x", "time", "y").assign_coords(
+        time=("time", 1000 * phase["time"].values, {"units": "ms"}),
+        y=("y", 1000 * phase["y"].values, {"units": "nm"}),
+        x=("x", 1000 * phase["x"].values, {"units": "nm"}),
+    )
+    masses = []
+    for given in (phase, turned):
+        session = Session()
+        session.set_phase(given)
+        taken = session.needed_reconstruction()["phase"]
+        assert taken.dims == phase.dims
+        np.testing.assert_allclose(taken["x"], phase["x"])
+        np.testing.assert_allclose(taken["time"], phase["time"])
+        session.unwrap(["spatial-2d"])
+        masses.append(session.measure("spatial-2d")["dry mass (pg)"].to_numpy())
+    np.testing.assert_allclose(*masses)
+
+
 @pytest.mark.slow
 def test_the_time_of_a_run_is_that_of_what_is_ticked(ready: Session) -> None:
     ready.update(methods=("spatial-2d",))

@@ -45,7 +45,7 @@ from napari_phase4d.cli.printing import (
     print_verdict,
     write_picture,
 )
-from napari_phase4d.io import FromCamera, holds_phase, open_phase
+from napari_phase4d.io import FromCamera, holds_phase, open_phase, open_truth
 from napari_phase4d.later import xr
 from napari_phase4d.pipeline import (
     LiveStatus,
@@ -207,7 +207,7 @@ def compare_command(
     if not typed.get("method") and not any(is_recipe(p) for p in inputs):
         typed["method"] = methods_for(typed.get("view_wavelength") or light_in(files))
     recipe = with_settings(recipe, **typed)
-    exact = None if truth is None else open_phase(truth)
+    exact = None if truth is None else open_truth(truth)
     if not files and not recipe.recording:
         msg = "give at least one file to compare the methods on"
         raise ValueError(msg)

@@ -12,7 +12,7 @@ from napari_phase4d.io.opening import (
     open_recording,
     recording_of,
 )
-from napari_phase4d.io.phases import file_pixel_um, holds_phase, open_phase
+from napari_phase4d.io.phases import file_pixel_um, holds_phase, open_phase, open_truth
 from napari_phase4d.io.raw import RAW_SUFFIXES, RawLayout
 from napari_phase4d.io.reading import needs_layout, parts_beside
 from napari_phase4d.io.remote import address_of
@@ -40,6 +40,7 @@ __all__ = [
     "open_input",
     "open_phase",
     "open_recording",
+    "open_truth",
     "parts_beside",
     "read_results",
     "recording_of",

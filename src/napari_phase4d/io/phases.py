@@ -42,7 +42,7 @@ from napari_phase4d.words import (
     shown,
 )
 
-__all__ = ["PhaseBy", "file_pixel_um", "holds_phase", "open_phase", "phase_by"]
+__all__ = ["PhaseBy", "file_pixel_um", "holds_phase", "open_phase", "open_truth", "phase_by"]
 
 #: Names looked for first in an .npz file with several arrays.
 PHASE_NAMES = ("wrapped", "phase", "unwrapped")
@@ -52,6 +52,8 @@ ARRAYS = "phase that is an array already goes to unwrap() as it is"
 LARGE_PIXEL_UM = 1e4
 #: How a note begins that names what a file does not say.
 COUNTED_IN_ONES = "Not in the file, so counted in ones: "
+#: What a file may not say, as notes call it -> the axes of which it tells the places.
+AXES_OF_GAP = {"pixel": ("y", "x"), "frame rate": ("time",), "viewing angles": ("angle",)}
 #: Axes that views lie on in files of other programs: channels, and angles.
 VIEWS = "CA"
 
@@ -95,6 +97,26 @@ def open_phase(
     ValueError
         If it holds no such stack.
     """
+    return phase_with_gaps(path, dataset, pixel_um, frame_rate_hz, angles_deg)[0]
+
+
+def open_truth(path: str | Path) -> xr.DataArray:
+    """Read exact phase from a file, see `open_phase`, without the places that it does not note.
+
+    Counted in ones they would be others than those of the phase that it is held against.
+    """
+    phase, missing = phase_with_gaps(path)
+    return phase.drop_vars([axis for gap in missing for axis in AXES_OF_GAP[gap]])
+
+
+def phase_with_gaps(
+    path: str | Path,
+    dataset: str | None = None,
+    pixel_um: float | None = None,
+    frame_rate_hz: float | None = None,
+    angles_deg: Sequence[float] | None = None,
+) -> tuple[xr.DataArray, list[str]]:
+    """Return what `open_phase` does, and which of the keys of `AXES_OF_GAP` nobody knows."""
     path = as_path(path, ARRAYS)
     if pixel_um is not None:
         check_positive("pixel_um", pixel_um, LARGE_PIXEL_UM)
@@ -105,7 +127,8 @@ def open_phase(
     check_there(path)
     if is_result(path):
         found = read_results(path)
-        return found.assign_attrs(source=str(path), object=found.attrs.get("object", path.stem))
+        named = found.attrs.get("object", path.stem)
+        return found.assign_attrs(source=str(path), object=named), []
     video = plain_phase(path, dataset)
     values = video.frames
     if values.ndim not in PLAIN_AXES or values.dtype.kind != "f" or 0 in values.shape:
@@ -135,7 +158,7 @@ def open_phase(
     notes += place_notes(pixel_um, video, missing)
     if notes:
         attrs["notes"] = notes
-    return full.assign_coords(coords).assign_attrs(attrs)
+    return full.assign_coords(coords).assign_attrs(attrs), missing
 
 
 def places_of_phase(
@@ -161,7 +184,7 @@ def places_of_phase(
     rate = interval_s if times_s is None else times_s
     # To be told a pixel of 1 um is to count in ones, as the optics of who knows no pixel do.
     known_um = None if pixel_um == 1 and not sensible(video.pixel_um) else pixel_um
-    given = {"pixel": known_um, "frame rate": rate, "viewing angles": angles_deg}
+    given = dict(zip(AXES_OF_GAP, (known_um, rate, angles_deg), strict=True))
     missing = [name for name, value in given.items() if value is None]
     return {d: coordinate(d, places[d]) for d in AXES}, missing
 
