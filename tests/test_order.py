@@ -125,3 +125,19 @@ def test_time_as_the_last_axis_is_told() -> None:
     assert "64 frames of 64 x 12 pixels" in said
     assert heard_of(frames) == []
     assert heard_of(np.ascontiguousarray(frames[:, :, 24:40])) == []
+    named = xr.DataArray(np.moveaxis(frames, 0, -1), dims=("time", "y", "x"))
+    assert heard_of(named) == []  # which its axes' names say
+    infinite = np.moveaxis(frames, 0, -1).copy()
+    infinite[5:8] = np.inf
+    assert len(heard_of(infinite)) == 1
+
+
+@pytest.mark.parametrize("n_times", [12, 13, 16, 24, 40])
+@pytest.mark.parametrize("period", [3, 5, 7, 10])
+def test_what_beats_is_in_order(period: int, n_times: int) -> None:
+    """Frames of the same phase of a beat are alike, however far from each other."""
+    thick = 6 + 2 * np.sin(2 * np.pi * np.arange(n_times) / period)
+    y, x = np.mgrid[:64, :64] - 32
+    cell = np.sqrt(np.clip(1 - (y**2 + x**2) / 400, 0, None))
+    noise = 0.1 * np.random.default_rng(period).standard_normal((n_times, 64, 64))
+    assert heard_of(wrap(thick[:, None, None] * cell + noise)) == []

@@ -11,7 +11,6 @@ import scipy
 import skimage
 from numpy.typing import NDArray
 
-from napari_phase4d.later import xr
 from napari_phase4d.unwrapping import median_of, noise_of
 
 __all__ = [
@@ -19,10 +18,8 @@ __all__ = [
     "Labels",
     "Rule",
     "cells_that_touch",
-    "field_left_by_mask",
     "level_beside",
     "level_of",
-    "mask_of",
     "risen",
 ]
 
@@ -45,11 +42,6 @@ VALLEY, INNER = 0.82, 0.75
 #: Where nothing but the form of a blob counts, it is looked at with fewer pixels: about so many a
 #: side, or more if its widest place is narrower than so many on each side.
 FORM, HALF_WIDTH = 64, 12
-#: The rim of empty field that a mask leaves round an object is flat: half of it lies within so
-#: many times the noise, and so many radians more, by which it rises less over a pixel as well.
-FLAT_NOISES, FLAT = 2.5, 0.1
-#: Less noise, in radians, has only a simulation.
-QUIET = 0.03
 #: Where less than this share of a frame is known, cells may have been cut out: if phase lies so
 #: much lower at the edge, in radians, that is nearer to the level of the empty field.
 CUT_OUT, LOWER = 0.5, 0.5
@@ -61,30 +53,25 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Rule:
-    """What a cell is, see `find_cells`; areas in pixels, ``mask`` as `mask_of` has it."""
+    """What a cell is, see `find_cells`; areas in pixels."""
 
     threshold: float | None
     smallest: float
     largest: float
     at_border: bool
     split: bool
-    mask: str = "none"
 
     def found_in(self, phase: Image) -> Labels:
         """Return the cells of a frame (y, x), numbered from 1."""
-        known = np.isfinite(phase) & ((phase != 0) | (self.mask != "auto"))
+        known = np.isfinite(phase)
         filled = np.where(known, phase, 0).astype(np.float32)
         if not known.any():
             return np.zeros(phase.shape, dtype=np.int32)
         values = filled.ravel() if known.all() else filled[known]
         noise = noise_of(filled, None if known.all() else known)
         level = level_of(values)
-        if self.mask == "auto" and not known.all():
-            beside = field_left_by_mask(filled, known, noise)
-            level = beside if np.isfinite(beside) else 0.0
-        elif known.mean() < CUT_OUT and (beside := level_beside(filled, known)) < level - LOWER:
+        if known.mean() < CUT_OUT and (beside := level_beside(filled, ~known)) < level - LOWER:
             level = beside
-        if level:  # what is not known smooths into what is
             filled[~known] = level
         height, above = risen(filled, known, level, noise, self.threshold)
         above = without_holes(opened(above))
@@ -120,36 +107,10 @@ def risen(
     return height, skimage.filters.apply_hysteresis_threshold(height, low, high)
 
 
-def mask_of(stack: xr.DataArray) -> str:
-    """Return what a result notes of its mask, where pixels are just 0: none, auto or given.
-
-    One that was found ("auto") leaves some of the empty field round each object.
-    """
-    return str(stack.attrs.get("mask", "none"))
-
-
-def level_beside(phase: Image, known: Mask) -> float:
-    """Return the median of the phase just beside what is not known, NaN where all is."""
-    beside = known & ~scipy.ndimage.binary_erosion(known, border_value=1)
+def level_beside(phase: Image, left_out: Mask) -> float:
+    """Return the median of the phase just beside what is left out, NaN where nothing is."""
+    beside = scipy.ndimage.binary_dilation(left_out) & ~left_out & np.isfinite(phase)
     return median_of(phase[beside]) if beside.any() else math.nan
-
-
-def field_left_by_mask(phase: Image, known: Mask, noise: float) -> float:
-    """Return the level of the empty field that a mask which was found leaves round objects.
-
-    It is NaN where that rim is not flat, as with much noise, which leaves none. Without noise it
-    is 0 there: a field that is just 0 can't be told from what the mask has set to 0.
-    """
-    further = scipy.ndimage.binary_erosion(known, border_value=1)
-    inner = scipy.ndimage.binary_erosion(further, border_value=1)
-    beside, next_to = phase[known & ~further], phase[further & ~inner]
-    if not (beside.size and next_to.size):
-        return math.nan
-    lower, level, upper = np.quantile(beside, (0.25, 0.5, 0.75))
-    flat = upper - lower < FLAT_NOISES * noise + FLAT and abs(median_of(next_to) - level) < FLAT
-    if flat:
-        return float(level)
-    return 0.0 if noise < QUIET else math.nan
 
 
 def unevenness(height: NDArray[np.floating]) -> float:

@@ -12,13 +12,7 @@ import scipy
 import skimage
 from numpy.typing import NDArray
 
-from napari_phase4d.analysis.cell_frames import (
-    field_left_by_mask,
-    level_beside,
-    level_of,
-    mask_of,
-    risen,
-)
+from napari_phase4d.analysis.cell_frames import level_beside, level_of, risen
 from napari_phase4d.later import pd, xr
 from napari_phase4d.optics import Optics
 from napari_phase4d.stack import parts_over_time
@@ -40,8 +34,8 @@ CONTACT, CONTACT_SHARE = 3, 0.08
 #: Pixels whose wrap count is right with less than this chance are in doubt. One standard deviation
 #: is what 68 of 100 values lie within, and those that are surer than that leave it as it is.
 SURE = 0.68
-#: The level is known where phase at the edge of a mask is not further from it, in radians.
-LEVEL_KNOWN = 0.25
+#: Beside a mask phase is not further from 0 than this, in radians, where the empty field is at 0.
+LEVEL_KNOWN = 0.1
 #: Pixels round a cell over which its mass is summed as well.
 BLURRED = 3
 #: A cell is not wholly in view where the phase of more than this share of it is not known.
@@ -88,7 +82,7 @@ def table_of_cells(
     pixel_um2 = sides_um[0] * sides_um[1]
     scale = path_scale(stack, optics)
     light = wavelengths_of(stack) if WAVELENGTH in stack.coords else None
-    mask = mask_of(stack)
+    masked = stack.attrs.get("mask", "none") != "none"
     frames: list[dict[str, Any]] = []
     for part, phase in parts_over_time(stack):
 
@@ -98,7 +92,7 @@ def table_of_cells(
             # Some programs number in 8 bits, in which SciPy can't count up.
             of_frame = np.asarray(labels[time, angle]).astype(np.int32)
             trust = None if confidence is None else np.asarray(confidence[time, angle])
-            found = cells_of_frame(phase[i, angle], of_frame, trust, sides_um, mask=mask)
+            found = cells_of_frame(phase[i, angle], of_frame, trust, sides_um, masked=masked)
             along = math.cos(math.radians(places["angle"][angle])) if oblique else 1.0
             return found | {
                 "time (s)": places["time"][time],
@@ -117,7 +111,7 @@ def table_of_cells(
         )
         raise NoCellsError(msg)
     if not is_levelled(stack):
-        doubt_level([bool(found["level known"]) for found in frames])
+        doubt_level([bool(found["level known"]) for found in frames], masked)
     # A table for each frame would take more memory, and time, than all that is in them.
     table = pd.DataFrame(
         {
@@ -230,15 +224,16 @@ def cells_of_frame(
     trust: Image | None,
     sides_um: tuple[float, float],
     *,
-    mask: str,
+    masked: bool,
 ) -> dict[str, Any]:
     """Return sums over the pixels of every cell of a frame (y, x), and their errors, in radians.
 
-    The level of the empty field round the cells is taken off. Of what a mask has left out, as 0, a
-    rim stays where it was found; where one was given the level is taken to be 0. What rises as
-    cells do is no empty field, whether it has a label or not: cells may be left out, or too small.
+    The level of the empty field round the cells is taken off. Where a mask has left that out, as
+    0, the level is taken to be 0, and the error is that of the noise alone. What rises as cells do
+    is no empty field, whether it has a label or not: cells may be left out, or be too small.
     """
-    known = np.isfinite(phase) & ((phase != 0) | (mask == "none"))
+    masked = masked and bool((phase == 0).any())  # or it has left out nothing
+    known = np.isfinite(phase) & ((phase != 0) | (not masked))
     inside = np.where(known, labels, 0)
     counts = np.bincount(inside.ravel())
     numbers = np.flatnonzero(counts[1:]) + 1
@@ -250,21 +245,12 @@ def cells_of_frame(
     n_summed = np.bincount(summed.ravel())[numbers]
     filled = np.where(known, phase, 0).astype(np.float32)
     noise = noise_of(filled, known)
-    field = level_of(filled[known]) if mask == "none" else 0.0
-    beside = math.nan if mask == "none" else level_beside(filled, known)
-    if mask == "auto":
-        beside = field_left_by_mask(filled, known, noise)
-        field = beside if math.isfinite(beside) else 0.0
-    filled[~known] = field
+    field = 0.0 if masked else level_of(filled[known])
     object_ = risen(filled, known, field, noise)[1] | (labels > 0)
     empty = known & (scipy.ndimage.maximum_filter(object_.view(np.uint8), 2 * AWAY + 1) == 0)
-    usual = field if mask == "auto" else 0.0
-    level = float(np.median(phase[empty])) if empty.any() else usual
-    level_known = (
-        empty.any()
-        or (mask == "auto" and math.isfinite(beside))
-        or (mask == "given" and abs(beside - level) < LEVEL_KNOWN)
-    )
+    level = float(np.median(phase[empty])) if empty.any() else 0.0
+    aside = abs(level_beside(phase, phase == 0)) if masked else math.inf
+    level_known = empty.any() or aside < LEVEL_KNOWN
     height = np.where(known, phase - level, 0.0)
     sums = np.bincount(inside.ravel(), height.ravel())[numbers]
     masses = np.bincount(summed.ravel(), height.ravel())[numbers]
@@ -303,15 +289,22 @@ def is_levelled(stack: xr.DataArray) -> bool:
     return bool(noted.get("drift_removed")) and noted.get("background", "none") != "none"
 
 
-def doubt_level(known: Sequence[bool]) -> None:
+def doubt_level(known: Sequence[bool], masked: bool) -> None:
     """Warn if the level of the empty field is not known in some frames."""
     unknown = len(known) - sum(known)
-    if unknown:
+    if not unknown:
+        return
+    if masked:
         warn(
-            f"in {unknown} of {len(known)} frames no empty field is seen round the cells, or a "
-            "mask left it out; its level counts as 0 there, which may be wrong, and errors don't "
-            "tell; unwrap with mask=None to know it"
+            f"in {unknown} of {len(known)} frames the mask left out the empty field, and its "
+            "level counts as 0, which may be wrong; with_empty_field(result, wrapped) brings it "
+            "back"
         )
+        return
+    warn(
+        f"in {unknown} of {len(known)} frames no empty field is seen round the cells; its level "
+        "counts as 0 there, which may be wrong, and errors don't tell"
+    )
 
 
 def perimeters_um(labels: Labels, sides_um: tuple[float, float]) -> NDArray[np.float64]:

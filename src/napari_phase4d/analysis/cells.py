@@ -16,7 +16,7 @@ import skimage
 from numpy.typing import ArrayLike, NDArray
 
 from napari_phase4d.analysis.cell_crossings import LEAST_PART
-from napari_phase4d.analysis.cell_frames import SMALLEST_PIXELS, Labels, Rule, mask_of
+from napari_phase4d.analysis.cell_frames import SMALLEST_PIXELS, Labels, Rule
 from napari_phase4d.analysis.cell_tracks import GAP, spots_of, tracks_of
 from napari_phase4d.analysis.cell_views import joined_views
 from napari_phase4d.later import pd, xr
@@ -121,7 +121,6 @@ def find_cells(
         math.inf if largest_um2 is None else check_positive("largest_um2", largest_um2) / area,
         at_border,
         split,
-        mask_of(phase),
     )
     if rule.smallest > rule.largest:
         msg = (
@@ -316,7 +315,7 @@ def follow_cells(
     if isinstance(gap, bool) or not isinstance(gap, int | np.integer) or not 0 <= gap <= MOST_GAP:
         msg = f"gap must be a number of frames from 0 to {MOST_GAP}, but is {shown(gap)}"
         raise ValueError(msg)
-    check_rising(given, "the labels")
+    check_rising(given.drop_vars("angle", errors="ignore"), "the labels")
     stack = with_all_dims(given)
     known = np.ones(stack.shape[:2], dtype=bool)
     return in_dims_of(followed(stack, known, reach_um, gap, task), given)

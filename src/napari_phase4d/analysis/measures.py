@@ -157,8 +157,8 @@ def measure(
 
     NaN and infinite pixels count as outside; pixels that a mask set to 0 count as flat. In regions
     phase is taken as it is: the empty field should be at 0. For cells the level of the empty field
-    round them is taken off: where a mask has left it out, that of the rim which it left round the
-    object, or else 0, which is warned of where it may be wrong.
+    round them is taken off. Where a mask has left it out it counts as 0, which is warned of where
+    it may be wrong; `with_empty_field` brings it back.
 
     Parameters
     ----------

@@ -130,7 +130,7 @@ def without_fields(recipe: Recipe) -> Recipe:
     """Return a recipe without what needs the fields of holograms, where the file holds phase."""
     if not recipe.recording or not what_needs_holograms(recipe) or not is_phase(recipe):
         return recipe
-    return without_holograms(recipe, Path(recipe.recording).name)
+    return without_holograms(recipe)
 
 
 def is_phase(recipe: Recipe) -> bool:

@@ -243,7 +243,7 @@ def run_unwarned(
         say_what_counts(recipe, recording)
     opened = recording if recording is not None else open_by(recipe)
     if isinstance(opened, xr.DataArray):
-        recipe = without_holograms(recipe, "the file")
+        recipe = without_holograms(recipe)
         say_what_file_says(recipe, opened)
         check_start(recipe, opened.shape)
         check_light(recipe.methods, wavelengths_of(opened), opened["angle"].values)

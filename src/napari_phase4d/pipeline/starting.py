@@ -228,8 +228,8 @@ def what_needs_holograms(recipe: Recipe) -> list[str]:
     return [name for name, on in asked_for.items() if on]
 
 
-def without_holograms(recipe: Recipe, name: str) -> Recipe:
-    """Return a recipe without what needs holograms, and warn of that; ``name`` holds phase.
+def without_holograms(recipe: Recipe) -> Recipe:
+    """Return the recipe for a file of phase without what needs holograms, and warn of that.
 
     Else a recipe that is written with the results would say what was not done.
     """
@@ -237,7 +237,7 @@ def without_holograms(recipe: Recipe, name: str) -> Recipe:
     if not names:
         return recipe
     warn(
-        f"{name} holds wrapped phase; {' and '.join(names)} "
+        f"{Path(recipe.recording).name} holds wrapped phase; {' and '.join(names)} "
         f"{'needs' if len(names) == 1 else 'need'} holograms, and will not be done"
     )
     return recipe.changed(reference=None, refocus_um=None, tilt_per_frame=False)

@@ -31,7 +31,7 @@ from napari_phase4d.stacks.notes import (
     with_light,
 )
 from napari_phase4d.stacks.numbers import Doubt, countable, row_length, sample_of, what_is_wrong
-from napari_phase4d.stacks.order import doubts_of_order
+from napari_phase4d.stacks.order import doubts_of_axes, doubts_of_order
 from napari_phase4d.warned import warn
 from napari_phase4d.words import shown
 
@@ -40,6 +40,7 @@ __all__ = [
     "beside",
     "checked_labels",
     "doubts_of",
+    "in_all_axes",
     "mask_on",
     "on_grid_of",
     "unwrapped_stack",
@@ -85,7 +86,8 @@ def wrapped_stack(
     refuse_counts(stack, name)
     given = mask is not None and not isinstance(mask, str)
     check_wrapped(stack, name, np.asarray(mask_on(mask, stack, "the mask")) if given else None)
-    for doubt in doubts_of_order(stack):
+    plain_axes = not isinstance(phase, xr.DataArray)
+    for doubt in (*doubts_of_order(stack), *(doubts_of_axes(stack) if plain_axes else ())):
         warn(f"{name} {doubt.warning}")
     return stack
 
@@ -133,6 +135,12 @@ def as_stack(phase: xr.DataArray | Any, name: str = "phase") -> xr.DataArray:
         msg = f"{name} is empty: its shape is {stack.shape}"
         raise ValueError(msg)
     return with_coordinates(with_light(in_radians(stack, name), name), name)
+
+
+def in_all_axes(phase: xr.DataArray, name: str = "phase") -> xr.DataArray:
+    """Return what `as_stack` does with the dims (time, angle, y, x), some of them 1 long."""
+    stack = as_stack(phase, name)
+    return stack.expand_dims([d for d in AXES if d not in stack.dims]).transpose(*AXES)
 
 
 def with_names(phase: Any, name: str) -> xr.DataArray:

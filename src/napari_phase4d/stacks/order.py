@@ -11,14 +11,15 @@ from numpy.typing import NDArray
 from napari_phase4d.later import xr
 from napari_phase4d.stacks.numbers import Doubt
 
-__all__ = ["doubts_of_order"]
+__all__ = ["doubts_of_axes", "doubts_of_order"]
 
-#: Of fewer frames than the first the names seldom tell; so many places where the order of names
-#: parts from that of numbers are looked at, in frames of about so many pixels.
-LEAST_FRAMES, PLACES, PIXELS = 12, 6, 1024
+#: At fewer places than the first, where the order of names parts from that of numbers, it may be
+#: something that comes and goes by itself; so many are looked at, in frames of about so many
+#: pixels.
+LEAST_PLACES, PLACES, PIXELS = 4, 6, 1024
 #: Frames that follow each other in the one order are so many times as far from each other as in
 #: the other one, this share of them farther than any there; frames that stand still tell nothing.
-FARTHER, MOST, STILL = 1.3, 0.7, 1e-4
+FARTHER, MOST, STILL = 1.3, 0.8, 1e-4
 #: Pairs within the order that are held against each place: frames that a camera gave twice have
 #: no distance at all from one to the next.
 BESIDE = 3
@@ -29,7 +30,7 @@ Distance = Callable[[int, int], float]
 
 
 def doubts_of_order(stack: xr.DataArray) -> Iterator[Doubt]:
-    """Yield the doubts that frames lie in the order of time, and axes as they are called.
+    """Yield the doubt that frames lie in the order of time.
 
     Parameters
     ----------
@@ -45,6 +46,10 @@ def doubts_of_order(stack: xr.DataArray) -> Iterator[Doubt]:
             "seems to have its frames in the order 1, 10, 11, 2 of their names, and not of their "
             "times",
         )
+
+
+def doubts_of_axes(stack: xr.DataArray) -> Iterator[Doubt]:
+    """Yield the doubt that time is the last axis of an array that does not name its axes."""
     if may_have_time_last(stack):
         n_times, n_rows, n_columns = stack.shape
         yield Doubt(
@@ -59,10 +64,7 @@ def are_sorted_as_text(stack: xr.DataArray) -> bool:
     What moves or grows is then farther from frame to frame where that order parts from that of
     numbers, and only there, than beside such a place and than to the frame of the next number.
     """
-    n_frames = stack.sizes["time"]
-    if n_frames < LEAST_FRAMES:
-        return False
-    apart = distances_in(stack)
+    n_frames, apart = stack.sizes["time"], distances_in(stack)
     return any(fits_names(sorted(range(k, k + n_frames), key=str), apart) for k in (0, 1))
 
 
@@ -70,6 +72,8 @@ def fits_names(names: list[int], apart: Distance) -> bool:
     """Say whether frames lie in the order of these names, by how far they are from each other."""
     follows = np.diff(names) == 1
     parted, joined = np.flatnonzero(~follows), np.flatnonzero(follows)
+    if len(parted) < LEAST_PLACES or not len(joined):
+        return False
     chosen = parted[np.unique(np.linspace(0, len(parted) - 1, PLACES).astype(int))]
     over = [apart(int(i), int(i) + 1) for i in chosen]
     near = {int(i) for at in chosen for i in joined[np.argsort(np.abs(joined - at))[:BESIDE]]}
@@ -136,6 +140,7 @@ def roughness(stack: xr.DataArray, axis: int, every: int) -> float:
     """
     thinned = int(np.argmax([0 if i == axis else n for i, n in enumerate(stack.shape)]))
     chosen = tuple(slice(None, None, every if i == thinned else 1) for i in range(3))
-    step = np.diff(np.asarray(stack.data[chosen], dtype=np.float32), axis=axis)
+    some = np.asarray(stack.data[chosen], dtype=np.float32)
+    step = np.diff(np.where(np.isfinite(some), some, np.float32(np.nan)), axis=axis)
     known = step[np.isfinite(step)]
     return 1.0 - float(np.cos(known).mean()) if known.size else 0.0

@@ -32,7 +32,7 @@ from napari_phase4d.pipeline import (
     phase_needs,
 )
 from napari_phase4d.recording import Recording
-from napari_phase4d.stacks import AXES, as_stack, wavelengths_of
+from napari_phase4d.stacks import in_all_axes, wavelengths_of
 from napari_phase4d.unwrapping import METHODS, best_frame, why_unsuited
 
 __all__ = ["TIME_FIELDS", "Changed", "State", "StepState", "phase_is_stale", "step_states"]
@@ -294,7 +294,7 @@ class State:
         Parameters
         ----------
         phase : xarray.DataArray
-            Wrapped phase in radians, dims time, angle, y and x.
+            Wrapped phase in radians, dims among (time, angle, y, x).
         boundary : tuple of int, optional
             The frame (time, angle) to start from; default: what ``phase.attrs`` say, else the
             safest one, once it is found.
@@ -307,7 +307,7 @@ class State:
         outcome : Outcome, optional
             What an earlier run has made of it.
         """
-        phase = as_stack(phase).transpose(*AXES)
+        phase = in_all_axes(phase)
         given = boundary or phase.attrs.get("boundary")
         source = str(phase.attrs.get("source", ""))
         settings: dict[str, Any] = {"recording": source, "content": kind, "lobes": ()}
