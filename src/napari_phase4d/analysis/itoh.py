@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -77,17 +79,9 @@ def itoh_margin(
         if phase.sizes[dim] < 2:
             continue
         if dim == "angle" and (groups := same_wavelength(phase)):
-            maps["along_angle"] = margin_of_each(phase, where, groups, task.quiet)
+            maps["along_angle"] = margin_of_each(phase, where, groups, watch)
             continue
-        if phase.chunks is None:
-            largest = larger_step(phase.values, axis)
-        else:
-            import dask.array as da  # which takes a tenth of a second
-
-            largest = da.map_overlap(
-                larger_step, phase.data, axis=axis, depth={axis: 1}, boundary="none"
-            )
-        margin = phase.copy(data=largest)
+        margin = phase.copy(data=larger_steps(phase, axis))
         margin.attrs = {
             "units": "pi rad",
             "share_beyond": share(*steps_beyond(phase, inside, axis, watch)),
@@ -102,7 +96,7 @@ def same_wavelength(phase: xr.DataArray) -> list[list[int]]:
 
 
 def margin_of_each(
-    phase: xr.DataArray, where: xr.DataArray | None, groups: list[list[int]], task: Task
+    phase: xr.DataArray, where: xr.DataArray | None, groups: list[list[int]], watch: Watch
 ) -> xr.DataArray:
     """Return the margin along the angle between views of one wavelength, 0 where there are none.
 
@@ -115,13 +109,21 @@ def margin_of_each(
             continue
         part = phase.isel(angle=views)
         inside = None if where is None else where.isel(angle=views)
-        alike = part.assign_coords(wavelength=("angle", [1.0] * len(views)))
-        own = itoh_margin(alike, inside, **task.calls)
-        margin[{"angle": views}] = own["along_angle"].values
-        found = steps_beyond(part, inside, part.dims.index("angle"), Watch(1, "", task.quiet))
+        axis = part.dims.index("angle")
+        margin[{"angle": views}] = np.asarray(larger_steps(part, axis))
+        found = steps_beyond(part, inside, axis, watch)
         beyond, count = beyond + found[0], count + found[1]
     margin.attrs = {"units": "pi rad", "share_beyond": share(beyond, count)}
     return margin
+
+
+def larger_steps(phase: xr.DataArray, axis: int) -> Any:
+    """Return `larger_step` of a stack; of phase on disk it is computed where it is looked at."""
+    if phase.chunks is None:
+        return larger_step(phase.values, axis)
+    import dask.array as da  # which takes a tenth of a second
+
+    return da.map_overlap(larger_step, phase.data, axis=axis, depth={axis: 1}, boundary="none")
 
 
 def checked(phase: xr.DataArray) -> xr.DataArray:
