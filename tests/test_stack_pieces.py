@@ -67,7 +67,7 @@ def test_stacks_on_disk_are_zarr_whatever_reads_and_writes_them(
     keys = {"name": "default", "separator": separator}
     monkeypatch.setattr("napari_phase4d.io.zarr_results.FLAT", keys)
     if few is not None:
-        monkeypatch.setattr("napari_phase4d.pipeline.stored.FEW_BYTES", few)
+        monkeypatch.setattr("napari_phase4d.io.frame_files.FEW_BYTES", few)
     numbers = np.random.default_rng(0).normal(size=STACK).astype(np.float32)
     path = create_blocks(tmp_path / "a.ome.zarr", STACK, 4, packed=packed)
     stored = Stored(path, STACK)

@@ -42,6 +42,7 @@ __all__ = [
     "frame_of",
     "in_memory",
     "is_same",
+    "known_limits",
     "limits_of",
     "parts_over_time",
     "read_all",
@@ -140,14 +141,20 @@ def block_at(shape: Sequence[int], time: int) -> Block:
 Limits = tuple[float, float]
 
 
-def limits_of(values: NDArray[np.float32]) -> Limits:
-    """Return the smallest and the largest number that is finite; 0 if there is none."""
+def known_limits(values: NDArray[Any]) -> Limits:
+    """Return the smallest and the largest number that is finite; NaN if there is none."""
     if values.size:
         low, high = float(values.min()), float(values.max())
-        if np.isfinite((low, high)).all():  # as nearly always: no copy of them is needed
+        if math.isfinite(low) and math.isfinite(high):  # as nearly always: no copy is needed
             return low, high
     known = values[np.isfinite(values)]
-    return (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
+    return (float(known.min()), float(known.max())) if known.size else (math.nan, math.nan)
+
+
+def limits_of(values: NDArray[np.float32]) -> Limits:
+    """Return the smallest and the largest number that is finite; 0 if there is none."""
+    low, high = known_limits(values)
+    return (0.0, 0.0) if math.isnan(low) else (low, high)
 
 
 def widest(limits: Iterable[Limits]) -> Limits:
