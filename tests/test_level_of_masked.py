@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -176,12 +177,10 @@ def test_steps_of_several_wavelengths_are_counted_one_by_one() -> None:
     assert share == pytest.approx(2 / 3)
 
 
-def test_a_run_of_phase_says_what_needs_holograms(tmp_path: object) -> None:
+def test_a_run_of_phase_says_what_needs_holograms(tmp_path: Path) -> None:
     """And does not note it as done."""
-    from pathlib import Path
-
     exact = balls()
-    path = Path(str(tmp_path)) / "phase.ome.tif"
+    path = tmp_path / "phase.ome.tif"
     p4d.write_phase(path, exact.copy(data=wrap(exact.values).astype(np.float32)))
     recipe = p4d.Recipe(
         recording=str(path), methods=("temporal",), reference="nothere.tif", refocus_um=5.0
@@ -192,3 +191,19 @@ def test_a_run_of_phase_says_what_needs_holograms(tmp_path: object) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         p4d.run(recipe.changed(reference=None, refocus_um=None))
+
+
+def test_a_background_and_lobes_need_holograms_too(tmp_path: Path) -> None:
+    exact = balls()
+    path = tmp_path / "phase.ome.tif"
+    p4d.write_phase(path, exact.copy(data=wrap(exact.values).astype(np.float32)))
+    lobe = p4d.Lobe((0.2, 0.1), 0.05)
+    recipe = p4d.Recipe(recording=str(path), methods=("temporal",))
+    with pytest.warns(UserWarning, match="lobes and taking a background off need holograms"):
+        outcome = p4d.run(recipe.changed(lobes=(lobe,), background="zernike"))
+    assert (outcome.recipe.lobes, outcome.recipe.background) == ((), "tilt")
+    with pytest.warns(UserWarning, match="a window round the lobes needs holograms, and is"):
+        p4d.run(recipe.changed(window="tukey"))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        p4d.run(recipe.changed(background="none"))

@@ -50,6 +50,17 @@ __all__ = [
 ]
 
 
+#: Fields of a recipe that say what is done with holograms, and what each asks for.
+NEED_HOLOGRAMS = {
+    "reference": "a reference",
+    "refocus_um": "refocusing",
+    "tilt_per_frame": "taking a tilt off each frame",
+    "lobes": "lobes",
+    "window": "a window round the lobes",
+    "background": "taking a background off",
+}
+
+
 @checked_call
 def open_by(recipe: Recipe) -> Recording | xr.DataArray:
     """Open the file or sample that a recipe names: holograms, or wrapped phase.
@@ -220,12 +231,17 @@ def say_what_counts(recipe: Recipe, recording: Recording) -> None:
 
 def what_needs_holograms(recipe: Recipe) -> list[str]:
     """Return what a recipe asks for that wrapped phase does not give."""
-    asked_for = {
-        "a reference": recipe.reference is not None,
-        "refocusing": recipe.refocus_um is not None,
-        "taking a tilt off each frame": recipe.tilt_per_frame,
+    return [NEED_HOLOGRAMS[field] for field in fields_of_holograms(recipe)]
+
+
+def fields_of_holograms(recipe: Recipe) -> list[str]:
+    """Return the fields of `NEED_HOLOGRAMS` in which something is asked for."""
+    asked_for = {field: getattr(recipe, field) for field in NEED_HOLOGRAMS}
+    nothing: dict[str, tuple[object, ...]] = {
+        field: (Recipe.model_fields[field].default,) for field in NEED_HOLOGRAMS
     }
-    return [name for name, on in asked_for.items() if on]
+    nothing["background"] += ("none",)  # which is what is done
+    return [field for field, value in asked_for.items() if value not in nothing[field]]
 
 
 def without_holograms(recipe: Recipe) -> Recipe:
@@ -233,14 +249,16 @@ def without_holograms(recipe: Recipe) -> Recipe:
 
     Else a recipe that is written with the results would say what was not done.
     """
-    names = what_needs_holograms(recipe)
-    if not names:
+    fields = fields_of_holograms(recipe)
+    if not fields:
         return recipe
+    names = what_needs_holograms(recipe)
+    one = len(names) == 1 and names != ["lobes"]
     warn(
         f"{Path(recipe.recording).name} holds wrapped phase; {' and '.join(names)} "
-        f"{'needs' if len(names) == 1 else 'need'} holograms, and will not be done"
+        f"{'needs holograms, and is' if one else 'need holograms, and are'} passed over"
     )
-    return recipe.changed(reference=None, refocus_um=None, tilt_per_frame=False)
+    return recipe.changed(**{field: Recipe.model_fields[field].default for field in fields})
 
 
 def say_what_file_says(recipe: Recipe, phase: xr.DataArray) -> None:
