@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from napari_phase4d.stack import Block, blocks_of
@@ -205,7 +206,7 @@ def graphs_of(
         The pixel that is held where there is no empty field, see `PixelGraph`.
     """
     n = scene.shape[0]
-    held = held_island(scene)
+    held, parts = held_island(scene), parts_of_views(scene)
     waiting = {core: core.wider(1, 1, n) for core in cores}
     known: dict[int, tuple[Steps, Steps]] = {}
     for weighed in steps:
@@ -217,7 +218,7 @@ def graphs_of(
             around = waiting.pop(core)
             needed = {t for others in waiting.values() for t in others.times}
             own = {t: known[t] if t in needed else known.pop(t) for t in around.times}
-            yield graph_of(scene, core, around, own, held, origin)
+            yield graph_of(scene, core, around, own, (held, parts), origin)
 
 
 def graph_of(
@@ -225,10 +226,13 @@ def graph_of(
     core: Block,
     around: Block,
     steps: dict[int, tuple[Steps, Steps]],
-    held: tuple[int, int, int] | None,
+    held: tuple[tuple[int, int, int] | None, Whole | None],
     origin: Pixel | None,
 ) -> PixelGraph:
-    """Return the graph of some frames, an island or a pixel held; their steps are used up."""
+    """Return the graph of some frames, an island or a pixel held; their steps are used up.
+
+    What is held is given with the parts of views, see `held_island` and `parts_of_views`.
+    """
     nodes = np.empty((len(around), *scene.part[1:]), dtype=np.int32)
     islands: Islands = {}
     n_islands, of_fields = 1, []
@@ -236,9 +240,12 @@ def graph_of(
     for block in blocks:
         seen = scene.islands(block)
         n_islands, more = number_islands(
-            seen, block.start, held, islands, n_islands, math.prod(scene.frames.shape[2:])
+            seen, block.start, held[0], islands, n_islands, math.prod(scene.frames.shape[2:])
         )
         of_fields += more
+        if held[1] is not None:
+            of_parts = fields_of_parts(scene, block, held[1], islands)
+            of_fields += [node for node in of_parts if node not in more]
         inside = seen[:, :, *scene.box]
         nodes[block.of(around)] = islands_by_node(inside, block.start, islands)
     n, fields = n_islands, np.array(of_fields, dtype=np.int32)
@@ -380,6 +387,57 @@ def number_islands(
             fields.append(int(mine[largest[0]]))
         known[frame] = mine
     return count, fields
+
+
+def parts_of_views(scene: Scene) -> Whole | None:
+    """Return the number of each pixel's part of its view (angle, y, x), 0 for what has none.
+
+    Parts are cut off from each other by what is known in no frame: dead columns of a camera, or a
+    mask from edge to edge. No step leads from one to the other, and the level of each is told by
+    its own empty field alone. None where there is but one in each view.
+    """
+    ever = np.zeros(scene.frames.shape[1:], dtype=bool)
+    for block in blocks_of(scene.frames.shape):
+        times = scene.frames.kept[block.start : block.stop]
+        around = Block(int(times[0]), int(times[-1]) + 1)
+        ever |= scene.frames.recorded.given.read(around)[1].any(axis=0)
+        if ever.all():
+            return None
+    parts = np.zeros(ever.shape, dtype=np.int32)
+    for view, mask in enumerate(ever):
+        labels, _ = scipy.ndimage.label(mask)
+        sizes = np.bincount(labels.ravel())
+        sizes[0] = 0
+        large = sizes >= FIELD_SHARE * mask.size
+        parts[view] = np.where(large, np.cumsum(large), 0)[labels]
+    return parts if parts.max() > 1 else None
+
+
+def fields_of_parts(scene: Scene, block: Block, parts: Whole, known: Islands) -> list[int]:
+    """Return the nodes of the largest islands of each part that may be the field there.
+
+    Parameters
+    ----------
+    scene : Scene
+        What is unwrapped.
+    block : Block
+        Some of its kept frames.
+    parts : ndarray of int
+        See `parts_of_views`.
+    known : dict of tuple to ndarray of int
+        The nodes of each frame's islands.
+    """
+    found = []
+    seen = scene.islands_as_seen(block)
+    for i, a in np.ndindex(*seen.shape[:2]):
+        if (block.start + i, a) not in known:
+            continue
+        nodes = known[block.start + i, a]
+        for part in range(1, int(parts[a].max()) + 1):
+            largest = largest_island(seen[i, a][parts[a] == part])
+            if largest is not None and largest[1] >= FIELD_SHARE * parts[a].size:
+                found.append(int(nodes[largest[0]]))
+    return [node for node in found if node]
 
 
 def islands_by_node(islands: Whole, start: int, nodes: Islands) -> Whole:
