@@ -28,7 +28,7 @@ ALLOWED = {
     "stacks": set(),
     "stack": {"stacks"},
     "recording": {"optics"},
-    "io": {"optics", "recording", "task"},
+    "io": {"optics", "recording", "stack", "task"},
     "holography": {"optics", "recording", "phasors", "task"},
     "unwrapping": {"phasors", "task", "stack"},
     "analysis": {"optics", "task", "stack", "unwrapping"},

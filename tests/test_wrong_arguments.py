@@ -177,6 +177,10 @@ def test_keywords_of_open_phase(npy: Path, keywords: dict, sentence: str) -> Non
 
 
 DOUBTED = {
+    "amplitude of nothing": (
+        lambda: p4d.unwrap(W, "directional-l1", amplitude=abs(E) * np.nan),
+        "0 or not known everywhere, and counts as not given",
+    ),
     "a mask as one cell": (
         lambda: p4d.measure(P, (V > 0).astype(np.uint8), OPTICS),
         "one number for several pieces",

@@ -52,6 +52,7 @@ from napari_phase4d.unwrapping.given import (
 )
 from napari_phase4d.unwrapping.light import Together, frames_among, views_by_light
 from napari_phase4d.unwrapping.shared_steps import FRAMES_LEFT_OUT, SharedSteps
+from napari_phase4d.warned import warn
 from napari_phase4d.words import shown
 
 __all__ = ["Problem"]
@@ -526,6 +527,9 @@ class Problem(SharedSteps):
                     "field, as reconstruct() does"
                 )
                 raise ValueError(msg)
+        if not (values[:1] > 0).any() and not (values > 0).any():
+            warn("the amplitude is 0 or not known everywhere, and counts as not given")
+            return None
         found: NDArray[Any] = values
         return found
 
