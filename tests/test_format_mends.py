@@ -590,6 +590,24 @@ def test_names_without_numbers_may_be_frames(tmp_path: Path, names: tuple[str, .
 @pytest.mark.parametrize(
     "names",
     [
+        [f"{colour}_{i:03d}.tif" for colour in ("green", "red") for i in range(6)],
+        [f"im{i:03d}_{cell}.tif" for cell in ("cellA", "cellB") for i in range(6)],
+    ],
+)
+def test_series_beside_each_other_are_said(tmp_path: Path, names: list[str]) -> None:
+    """Their frames came in turn, without a word."""
+    images(tmp_path, *names, "background.tif")
+    rec = p4d.open_recording(tmp_path)
+    assert rec.n_frames == 12
+    assert any(note.startswith("background.tif is named otherwise") for note in rec.notes)
+    assert any("names of several series" in note for note in rec.notes)
+    rec = p4d.open_recording(tmp_path / names[0].replace("000", "*"))
+    assert not any("names of several series" in note for note in rec.notes)
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
         [f"{day}_{i:02d}.tif" for day in ("31Jan", "01Feb") for i in range(3)][1:],
         ["IMG_001.tif", "IMG_002.tif", "IMG_003.tif", "img_004.tif"],
         ["A1.tif", "A2.tif", "A3.tif", "B4.tif"],
@@ -597,7 +615,9 @@ def test_names_without_numbers_may_be_frames(tmp_path: Path, names: tuple[str, .
 )
 def test_letters_may_change_in_the_course_of_a_recording(tmp_path: Path, names: list[str]) -> None:
     images(tmp_path, *names)
-    assert p4d.open_recording(tmp_path).n_frames == len(names)
+    rec = p4d.open_recording(tmp_path)
+    assert rec.n_frames == len(names)
+    assert not any("several series" in note for note in rec.notes)
 
 
 @pytest.mark.parametrize("way", ["folder", "pattern", "list"])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import threading
+import time
 import warnings
 import weakref
 from collections.abc import Callable, Iterator
@@ -14,9 +15,11 @@ import numpy as np
 import pytest
 import tifffile
 from driving import let_settle
+from napari._qt.widgets.qt_progress_bar import QtLabeledProgressBar
 from napari.utils.notifications import notification_manager
 from qtpy.QtCore import Qt, QThreadPool
 from qtpy.QtGui import QTextDocument
+from qtpy.QtWidgets import QPushButton
 
 from napari_phase4d._napari.jobs import Latest
 from napari_phase4d._napari.menus import unwrap_wl1
@@ -273,6 +276,28 @@ def test_commands_of_the_menu_tell_it_too(viewer: Any, qtbot: Any, notes: Any) -
     unwrap_wl1(viewer)
     qtbot.waitUntil(lambda: len(viewer.layers) == 2, timeout=60_000)
     assert any("nothing but noise" in note for note in notes())
+
+
+def test_commands_of_the_menu_can_be_stopped(viewer: Any, qtbot: Any, notes: Any) -> None:
+    values = np.random.default_rng(4).uniform(-np.pi, np.pi, (96, 2, 128, 128))
+    data, keywords, _ = stack_layer(wrapped_stack(values.astype(np.float32)), "long", "wrapped")
+    viewer.add_image(data, **keywords)
+    unwrap_wl1(viewer)
+    window = viewer.window._qt_window  # the list of what runs is napari's own
+
+    def button() -> QPushButton | None:
+        bars = window.findChildren(QtLabeledProgressBar)
+        return bars[0].cancel_button if bars else None
+
+    qtbot.waitUntil(lambda: button() is not None, timeout=20_000)
+    qtbot.wait(300)
+    assert not any("Unwrapping" in note for note in notes())
+    since = time.perf_counter()
+    button().click()
+    qtbot.waitUntil(lambda: any("cancelled" in note for note in notes()), timeout=20_000)
+    assert time.perf_counter() - since < 5  # about one where nothing else runs
+    assert len(viewer.layers) == 1
+    qtbot.waitUntil(lambda: button() is None, timeout=20_000)
 
 
 @pytest.mark.thorough

@@ -218,7 +218,7 @@ def test_what_comes_late_is_not_added_to_a_viewer_that_was_closed(
     viewer.layers.selection.active = viewer.add_image(data, **keywords)
     go_on = threading.Event()
 
-    def work(_: Any) -> Any:
+    def work(*_: Any) -> Any:
         go_on.wait(60)
         return layer
 

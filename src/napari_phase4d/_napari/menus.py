@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ import numpy as np
 import pint
 from napari.layers import Image
 from napari.qt.threading import create_worker
+from napari.utils import cancelable_progress
 from napari.utils.notifications import show_error, show_info, show_warning
 from napari.viewer import Viewer
 
@@ -52,7 +54,7 @@ from napari_phase4d.pipeline import Recipe
 from napari_phase4d.recording import Recording
 from napari_phase4d.sample import CELLS, EUGLENA, cells_sample, euglena_sample, yeast_sample
 from napari_phase4d.stacks import AXES, PLAIN_AXES, wavelengths_of
-from napari_phase4d.task import UNWATCHED
+from napari_phase4d.task import Cancelled, Task
 from napari_phase4d.unwrapping import METHODS, unwrap
 
 __all__ = [
@@ -265,9 +267,10 @@ N_VIEWS = 2
 def reconstruct_selected(viewer: Viewer) -> None:
     """Add the wrapped phase of the selected hologram video, two views, default settings."""
 
-    def work(layer: Image) -> LayerTuple:
+    def work(layer: Image, task: Task) -> LayerTuple:
         recording = with_own_optics(recording_of_layer(layer))
-        data = reconstruct(recording, find_lobes(recording, N_VIEWS))
+        lobes = find_lobes(recording, N_VIEWS, **task.calls)
+        data = reconstruct(recording, lobes, **task.calls)
         return stack_layer(data["phase"], f"wrapped phase, {layer.name}", "wrapped")
 
     on_selected(viewer, is_hologram_layer, "a hologram video", "Reconstructing", work)
@@ -292,8 +295,8 @@ def unwrap_selected(viewer: Viewer, method: str) -> None:
     """Add the selected wrapped phase, unwrapped by a method, from the first frame."""
     label = METHODS[method].label
 
-    def work(layer: Image) -> LayerTuple:
-        result = unwrap(stack_of_layer(layer), method)
+    def work(layer: Image, task: Task) -> LayerTuple:
+        result = unwrap(stack_of_layer(layer), method, **task.calls)
         return stack_layer(result, f"{label}, {layer.name}", "unwrapped")
 
     on_selected(viewer, is_phase_layer, "wrapped phase", f"Unwrapping by {label}", work)
@@ -302,7 +305,7 @@ def unwrap_selected(viewer: Viewer, method: str) -> None:
 def optical_path(viewer: Viewer) -> None:
     """Add the optical path difference of the selected unwrapped phase, in nanometres."""
 
-    def work(layer: Image) -> LayerTuple:
+    def work(layer: Image, _: Task) -> LayerTuple:
         stack = stack_of_layer(layer)
         path = stack.copy(data=nanometres(stack))
         path.attrs = {**stack.attrs, "units": "nm"}
@@ -315,7 +318,7 @@ def dry_mass_density(viewer: Viewer) -> None:
     """Add the dry mass of the selected unwrapped phase, in picograms a square micrometre."""
     increment = own_refraction_increment()
 
-    def work(layer: Image) -> LayerTuple:
+    def work(layer: Image, _: Task) -> LayerTuple:
         stack = stack_of_layer(layer)
         density = stack.copy(data=nanometres(stack) / np.float32(1000 * increment))
         density.attrs = {**stack.attrs, "units": "pg/um^2", "refraction_increment": increment}
@@ -352,22 +355,33 @@ def on_selected(
     fits: Callable[[Any], bool],
     wanted: str,
     title: str,
-    work: Callable[[Image], LayerTuple],
+    work: Callable[[Image, Task], LayerTuple],
 ) -> Any:
-    """Work on the selected layer in a thread and add what comes of it; say what is wrong."""
+    """Work on the selected layer in a thread and add what comes of it; say what is wrong.
+
+    Under *activity*, at the lower right of the window, it can be stopped.
+    """
     layer = viewer.layers.selection.active
     if not isinstance(layer, Image) or not fits(layer):
         show_error(f"Select a layer with {wanted} first; Plugins > Phase 4D makes one.")
         return None
 
     ended, hooks = Ended(), Hooks()
+    bar = cancelable_progress(total=0, desc=title)
+    atexit.register(bar.cancel)
 
     def guarded() -> None:
+        task = Task(None, lambda: bar.is_canceled)
         with hooks.kept():
-            ended.do(lambda _: work(layer), UNWATCHED)
+            ended.do(lambda task: work(layer, task), task)
 
     def receive(_: object) -> None:
+        bar.close()
+        atexit.unregister(bar.cancel)
         if not is_open(viewer):  # it was closed meanwhile: nobody waits any more
+            return
+        if isinstance(ended.error, Cancelled):
+            show_info(f"{title}: cancelled.")
             return
         for sentence in ended.heard:
             show_warning(sentence)
@@ -379,7 +393,7 @@ def on_selected(
         viewer.add_image(data, **keywords)
         show_info(f"{title}: done.")
 
-    worker = create_worker(guarded, _start_thread=False, _progress={"desc": title})
+    worker = create_worker(guarded, _start_thread=False)
     hooks.follow(worker)
     worker.returned.connect(receive)
     worker.start()

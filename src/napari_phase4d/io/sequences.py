@@ -455,6 +455,10 @@ def by_name(names: Sequence[str]) -> tuple[list[str], list[str]]:
     course of a recording.
     """
     strange, word = named_otherwise(names)
+    if not word:  # several series, or names that change in the course of a recording
+        uncounted = sorted(name for name in names if not re.search(r"\d", Path(name).stem))
+        beside = uncounted if len(uncounted) <= FEW * len(names) else []
+        return [name for name in names if name not in beside], beside
     few = len(strange) <= FEW * len(names)
     beside = [
         name
@@ -492,11 +496,29 @@ def notes_of_names(files: Sequence[Path]) -> tuple[str, ...]:
         notes.append(
             f"{listed(strange)} {are} named otherwise than the other files, but read with them."
         )
+    notes += series_in(names)
     if have_decimals(names):
         notes.append("Digits behind a point in the names of the files are taken for decimals.")
     elif len(set(map(pattern_of, names))) == 1:
         notes += [*gap_in(names), *grid_in(names)]
     return tuple(notes)
+
+
+def series_in(names: Sequence[str]) -> Iterator[str]:
+    """Yield a note where names count the same with other letters, as those of two series do.
+
+    Not so the names of months, or of morning and afternoon: what they count goes on.
+    """
+    by_count: dict[tuple[int, ...], set[str]] = {}
+    for name in names:
+        by_count.setdefault(tuple(numbers_of(name)), set()).add(name)
+    shared = [each for count, each in by_count.items() if count and len(each) > 1]
+    if len(shared) > 1 and 2 * sum(map(len, shared)) > len(names):
+        first = sorted(min(shared, key=sorted))
+        yield (
+            f"{listed(first)}: names of several series, which are read as one recording, the "
+            "frames of one between those of the others; put each into a folder of its own."
+        )
 
 
 def gap_in(names: Sequence[str], what: str = "files") -> Iterator[str]:
