@@ -434,17 +434,35 @@ def test_numbers_that_a_tiff_has_no_name_for_are_refused(tmp_path: Path, kind: s
     assert read_results(write_phase(path, stack().astype(">f4"))).dtype == np.float32
 
 
-def test_a_folder_that_is_no_zarr_is_not_replaced(tmp_path: Path) -> None:
+def test_a_folder_that_holds_anything_else_is_not_replaced(tmp_path: Path) -> None:
+    import zarr
+
     folder = tmp_path / "mine.zarr"
     folder.mkdir()
     write_phase(folder, stack())  # an empty one may be
+    (folder / ".DS_Store").write_bytes(b"")
     write_phase(folder, stack())
+    labels = zarr.open_group(folder, mode="a").create_array("labels/cells", shape=(3,), dtype="i4")
+    labels[:] = 7
     other = tmp_path / "other.zarr"
     other.mkdir()
     (other / "notes.txt").write_text("mine", encoding="utf-8")
-    with pytest.raises(FileExistsError, match="a folder with something else in it"):
-        write_phase(other, stack())
-    assert [p.name for p in other.iterdir()] == ["notes.txt"]
+    theirs = tmp_path / "theirs.zarr"
+    zarr.open_group(theirs, mode="w").create_array("0", shape=(2, 2), dtype="u1")[:] = 7
+    for path, what in ((folder, "labels"), (other, "notes.txt"), (theirs, "0, zarr.json")):
+        inside = sorted(p.relative_to(path) for p in path.rglob("*"))
+        with pytest.raises(FileExistsError, match=f"holds {what}, which this program has not"):
+            write_phase(path, stack())
+        assert sorted(p.relative_to(path) for p in path.rglob("*")) == inside
+
+
+@pytest.mark.parametrize("name", ["q.npy", "q.h5", "q.zarr.zip", "q", "q.nii.gz"])
+def test_a_stack_is_not_written_under_the_ending_of_another_format(
+    tmp_path: Path, name: str
+) -> None:
+    with pytest.raises(ValueError, match=r"must end with .ome.tif or .ome.zarr"):
+        write_phase(tmp_path / name, stack())
+    assert not list(tmp_path.iterdir())
 
 
 # ---- opened anew --------------------------------------------------------------------------------

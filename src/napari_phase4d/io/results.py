@@ -25,13 +25,17 @@ from napari_phase4d.io.describing import (
 )
 from napari_phase4d.io.lazy import in_one_line
 from napari_phase4d.io.remote import address_of
-from napari_phase4d.io.tiff import check_described
+from napari_phase4d.io.tiff import TIFF_SUFFIXES, check_described
 from napari_phase4d.io.video import (
     check_fits,
     quiet,
 )
-from napari_phase4d.io.zarr_files import check_zarr_or_none
-from napari_phase4d.io.zarr_results import read_zarr_result, write_zarr_result, zarr_description
+from napari_phase4d.io.zarr_results import (
+    check_own_or_none,
+    read_zarr_result,
+    write_zarr_result,
+    zarr_description,
+)
 from napari_phase4d.later import pd, tifffile, xr
 from napari_phase4d.stacks import (
     AXES,
@@ -182,7 +186,7 @@ def description_of(tif: tifffile.TiffFile) -> dict[str, Any] | None:
 # ---- results of any form --------------------------------------------------------------------
 
 
-#: What the name of an OME-Zarr ends with; everything else is written as OME-TIFF.
+#: What the name of an OME-Zarr ends with.
 ZARR_SUFFIX = ".zarr"
 
 
@@ -206,8 +210,9 @@ def write_phase(
     ----------
     path : str or Path
         File to write, replaced if it exists: a name that ends with ``.zarr``, by custom
-        ``.ome.zarr``, gives a folder in OME-Zarr 0.5 (Zarr 3, one chunk a frame, compressed); any
-        other, by custom ``.ome.tif``, gives an OME-TIFF (BigTIFF beyond 4 GB).
+        ``.ome.zarr``, gives a folder in OME-Zarr 0.5 (Zarr 3, one chunk a frame, compressed); one
+        that ends with ``.tif`` or ``.tiff``, by custom ``.ome.tif``, an OME-TIFF (BigTIFF beyond
+        4 GB).
     stack : xarray.DataArray
         Dims (time, angle, y, x), backed by NumPy or dask.
     progress, cancelled : callable, optional
@@ -217,7 +222,7 @@ def write_phase(
     ------
     OSError
         If it can't be written; an older file of that name is then left as it was. So is a folder
-        that is no Zarr.
+        that holds anything which this function has not written.
     TypeError, ValueError
         If the stack has other dims, no pixels, places that are no numbers, or numbers that such a
         file can't hold.
@@ -249,8 +254,11 @@ def write_phase(
     stack = with_light(stack, "the stack")
     task = Task(progress, cancelled)
     if path.suffix.lower() == ZARR_SUFFIX:
-        check_zarr_or_none(path)
+        check_own_or_none(path)
         write_zarr_result(path, stack, task)
+    elif path.suffix.lower() not in TIFF_SUFFIXES:
+        msg = f"{path.name} must end with .ome.tif or .ome.zarr"
+        raise ValueError(msg)
     else:
         if stack.dtype.newbyteorder("=") not in OME_TYPES:
             msg = (

@@ -32,7 +32,7 @@ from napari_phase4d.io.video import (
 from napari_phase4d.io.zarr_packing import Pieces, check_packed_once
 from napari_phase4d.words import size_in_words
 
-__all__ = ["ZarrReader", "check_zarr_or_none", "is_zarr", "read_zarr"]
+__all__ = ["ZarrReader", "is_zarr", "read_zarr"]
 
 #: Files of which one lies at the top of every Zarr folder.
 MARKS = ("zarr.json", ".zarray", ".zgroup", ".zmetadata")
@@ -52,19 +52,6 @@ def is_zarr(path: Path) -> bool:
 def is_marked(folder: Path) -> bool:
     """Say whether a folder describes itself as Zarr."""
     return any((folder / mark).is_file() for mark in MARKS)
-
-
-def check_zarr_or_none(path: Path) -> None:
-    """Refuse to replace a folder that holds something else than a Zarr.
-
-    Raises
-    ------
-    OSError
-        If it does.
-    """
-    if path.is_dir() and any(path.iterdir()) and not is_marked(path):
-        msg = f"{path} is a folder with something else in it; choose another name"
-        raise FileExistsError(msg)
 
 
 def read_zarr(path: Path, dataset: str | None = None) -> Video:

@@ -30,6 +30,7 @@ from napari_phase4d.io.describing import (
 )
 from napari_phase4d.io.frame_files import FrameFiles, hold_frames
 from napari_phase4d.io.lazy import in_one_line
+from napari_phase4d.io.video import listed
 from napari_phase4d.later import xr
 from napari_phase4d.recording import reader_of, remember_reader
 from napari_phase4d.stack import known_limits
@@ -39,6 +40,7 @@ from napari_phase4d.task import UNWATCHED, Task, on_all_cores
 __all__ = [
     "ALL_CHUNKS",
     "ARRAY",
+    "check_own_or_none",
     "create_blocks",
     "finish_blocks",
     "note_zarr_result",
@@ -84,6 +86,33 @@ def write_zarr_result(
                 found = write_frames(array, files, times.start, values)
                 low, high = np.fmin(low, found[0]), np.fmax(high, found[1])
         group.update_attributes({"ome": ome_note(stack, (low, high)), PROGRAM: described(stack)})
+
+
+def check_own_or_none(path: Path) -> None:
+    """Refuse to replace a folder that holds anything that `write_zarr_result` has not written.
+
+    Raises
+    ------
+    FileExistsError
+        If it does.
+    """
+    if not path.is_dir():
+        return
+    inside = sorted(entry.name for entry in path.iterdir())
+    others = [name for name in inside if name not in (ARRAY, NOTE) and not is_hidden(name)]
+    if not others and inside and zarr_description(path) is None:
+        others = inside
+    if others:
+        msg = (
+            f"{path} is a folder that holds {listed(others)}, which this program has not written; "
+            "choose another name"
+        )
+        raise FileExistsError(msg)
+
+
+def is_hidden(name: str) -> bool:
+    """Say whether a file is one that systems lay beside others."""
+    return name.startswith("._") or name in (".DS_Store", "Thumbs.db", "desktop.ini")
 
 
 def new_array(
