@@ -355,3 +355,68 @@ def test_a_view_of_which_nothing_is_known_is_drawn_empty(tmp_path: Path) -> None
     spectrum = xr.DataArray(np.ones((16, 16)), dims=("ky", "kx"), coords={"ky": k, "kx": k})
     figure = look_figure(np.eye(20, dtype=np.float32), spectrum, [], data, phase)
     assert write_figure(tmp_path / "look.png", figure).stat().st_size > 1000
+
+
+@pytest.mark.parametrize("rate", [1.0, 7.0, 15.0, 30.0, 40.0, 50.0])
+def test_a_gif_takes_as_long_as_asked_for(tmp_path: Path, rate: float) -> None:
+    """Each frame alone takes whole hundredths of a second: at 40 a second it played 50."""
+    pictures = [np.full((8, 8, 3), 10 * n, np.uint8) for n in range(24)]
+    path = write_movie(tmp_path / "movie.gif", pictures, rate)
+    with Image.open(path) as movie:
+        assert movie.n_frames == 24
+        lasts = 0
+        for n in range(24):
+            movie.seek(n)
+            assert abs(movie.info["duration"] - 1000 / rate) < 10
+            lasts += movie.info["duration"]
+    assert lasts == pytest.approx(1000 * 24 / rate, abs=5)
+    with Image.open(write_movie(tmp_path / "one.gif", pictures[:1], rate)) as single:
+        assert single.n_frames == 1
+
+
+@pytest.mark.parametrize("ending", [".gif", ".mp4"])
+def test_frames_that_are_no_pictures_of_one_size_are_refused(tmp_path: Path, ending: str) -> None:
+    small, large = (np.zeros((n, n, 3), np.uint8) for n in (8, 16))
+    for frames, words in (
+        ([small, large], "frame 1 has 16 x 16 pixels, and the first 8 x 8"),
+        ([small[..., 0]], "but frame 0 is uint8 of shape"),
+        ([small, small / 2.0], "but frame 1 is float64 of shape"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            write_movie(tmp_path / f"movie{ending}", frames)
+    assert not list(tmp_path.iterdir())
+
+
+def test_pictures_take_stacks_in_other_units_and_orders(columns) -> None:
+    """Milliseconds stood there as seconds, radians as degrees, and the picture was another one."""
+    plain = next(iter(columns.values()))
+    factors = {"time": (1e3, "ms"), "angle": (np.pi / 180, "rad")}
+    factors |= {"y": (1e3, "nm"), "x": (1e-3, "mm")}
+    units = {"time": "s", "angle": "deg", "y": "um", "x": "um"}
+    noted = plain.assign_coords({d: (d, plain[d].values, {"units": u}) for d, u in units.items()})
+    other = plain.assign_coords(
+        {d: (d, plain[d].values * f, {"units": u}) for d, (f, u) in factors.items()}
+    ).transpose("x", "angle", "time", "y")
+    turned = np.rad2deg(other).assign_attrs(units="deg")
+    frames = [(3, 1), (1, 0)]
+    wanted, *found = (comparison_figure({"it": s}, frames) for s in (noted, other, turned))
+    for figure in found:
+        for axis, right in zip(figure.axes, wanted.axes, strict=True):
+            assert axis.get_ylabel() == right.get_ylabel()
+            for image, exact in zip(axis.images, right.images, strict=True):
+                np.testing.assert_allclose(image.get_array(), exact.get_array(), rtol=1e-5)
+                np.testing.assert_allclose(image.get_extent(), exact.get_extent())
+    assert "21°" in wanted.axes[0].get_ylabel()
+    movies = [list(movie_frames({"it": s}, LIMITS)) for s in (noted, other)]
+    # 40.000000001 micrometres instead of 40 shift letters by a rounding.
+    np.testing.assert_allclose(*np.array(movies, dtype=np.int16), atol=3)
+
+
+def test_frames_and_limits_that_are_not_there_are_refused(columns) -> None:
+    with pytest.raises(ValueError, match=r"frames must be \(time, angle\) below \(5, 2\)"):
+        comparison_figure(columns, [(5, 0)])
+    for limits in ((1.0, 1.0), (2.0, 1.0), (np.nan, 1.0), (0.0, np.inf)):
+        with pytest.raises(ValueError, match="limits must be two finite numbers that rise"):
+            comparison_figure(columns, [(0, 0)], limits=limits)
+        with pytest.raises(ValueError, match="limits must be two finite numbers that rise"):
+            next(movie_frames(columns, limits))

@@ -14,7 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from napari_phase4d.analysis import Comparison, frame_of, in_memory
 from napari_phase4d.later import xr
-from napari_phase4d.words import checked_call, view_of
+from napari_phase4d.stacks import in_all_axes
+from napari_phase4d.words import checked_call, shown, view_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -151,7 +152,7 @@ def comparison_figure(
     Parameters
     ----------
     columns : mapping of str to DataArray
-        Title to unwrapped phase (time, angle, y, x) in radians, on one grid.
+        Title to phase (time, angle, y, x), in the units that it notes.
     frames : sequence of (int, int)
         (time, angle) numbers of the frames to show.
     limits : tuple of float, optional
@@ -161,24 +162,34 @@ def comparison_figure(
     -------
     matplotlib.figure.Figure
         All pictures on one colour scale; `napari_phase4d.io.write_figure` saves it.
+
+    Raises
+    ------
+    ValueError
+        If there is nothing to show, a stack is no phase or has no such frame, or the limits do not
+        rise.
     """
     from matplotlib.figure import Figure
 
     if not columns or len(frames) == 0:
         msg = "columns and frames must name something to show, but one of them is empty"
         raise ValueError(msg)
-    first = next(iter(columns.values()))
+    stacks = {title: in_all_axes(stack, title) for title, stack in columns.items()}
+    for title, stack in stacks.items():
+        check_frames(frames, stack, title)
+    check_limits(limits)
+    first = next(iter(stacks.values()))
     rows, n_columns = len(frames), len(columns)
     figure = Figure(figsize=(CELL * n_columns + 1.2, CELL * rows + 0.5), layout="constrained")
     axes = figure.subplots(rows, n_columns, squeeze=False)
-    shown = [frame_of(s, t, a) for s in columns.values() for t, a in frames]
-    low, high = limits or phase_limits(shown)
+    pictures = [frame_of(s, t, a) for s in stacks.values() for t, a in frames]
+    low, high = limits or phase_limits(pictures)
     colours = phase_scale(low, high)
     for row, (t, a) in enumerate(frames):
-        for column, (title, stack) in enumerate(columns.items()):
+        for column, (title, stack) in enumerate(stacks.items()):
             axis = axes[row, column]
             image = axis.imshow(
-                frame_of(stack, t, a), vmin=low, vmax=high, cmap=colours, extent=extent_of(first)
+                frame_of(stack, t, a), vmin=low, vmax=high, cmap=colours, extent=extent_of(stack)
             )
             axis.set_xticks([])
             axis.set_yticks([])
@@ -189,6 +200,25 @@ def comparison_figure(
     add_scale_bar(axes[0, 0], first)
     figure.colorbar(image, ax=axes, label="phase (rad)", shrink=0.8)
     return figure
+
+
+def check_frames(frames: Sequence[tuple[int, int]], stack: xr.DataArray, title: str) -> None:
+    """Refuse frames (time, angle) that a stack has not."""
+    n_times, n_angles = stack.sizes["time"], stack.sizes["angle"]
+    for time, angle in frames:
+        if not (-n_times <= time < n_times and -n_angles <= angle < n_angles):
+            msg = (
+                f"frames must be (time, angle) below ({n_times}, {n_angles}), which {title} has, "
+                f"but one is ({time}, {angle})"
+            )
+            raise ValueError(msg)
+
+
+def check_limits(limits: tuple[float, float] | None) -> None:
+    """Refuse ends of the colour scale that do not rise."""
+    if limits is not None and not -math.inf < limits[0] < limits[1] < math.inf:
+        msg = f"limits must be two finite numbers that rise, but are {shown(limits)}"
+        raise ValueError(msg)
 
 
 def add_scale_bar(axis: Axes, stack: xr.DataArray) -> None:
@@ -277,7 +307,8 @@ def movie_frames(
     Parameters
     ----------
     columns : mapping of str to DataArray
-        Name to phase (time, angle, y, x) in radians, each with the same times and as many angles.
+        Name to phase (time, angle, y, x), in the units that it notes, each with the same times and
+        as many angles.
         Pixels that are NaN stay white.
     limits : tuple of float
         Phase in radians at the ends of the colour scale.
@@ -293,11 +324,13 @@ def movie_frames(
     Raises
     ------
     ValueError
-        If there are no stacks, or they differ in their number of times or angles.
+        If there are no stacks, one is no phase, they differ in their number of times or angles, or
+        the limits do not rise.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     stacks = checked_stacks(columns)
+    check_limits(limits)
     figure, images = movie_figure(list(columns), stacks, limits)
     canvas = FigureCanvasAgg(figure)
     top = 1 - 0.4 * LINE / figure.get_size_inches()[1]
@@ -356,7 +389,7 @@ def checked_stacks(columns: Mapping[str, xr.DataArray]) -> list[xr.DataArray]:
     if not columns:
         msg = "there are no stacks to show; give at least one"
         raise ValueError(msg)
-    stacks = [in_memory(stack.transpose("time", "angle", "y", "x")) for stack in columns.values()]
+    stacks = [in_memory(in_all_axes(stack, name)) for name, stack in columns.items()]
     first = next(iter(columns))
     for name, stack in zip(columns, stacks, strict=True):
         if stack.shape[:2] != stacks[0].shape[:2]:
@@ -402,7 +435,7 @@ def length_of(places: NDArray[Any]) -> float:
 
 
 #: Seconds from which on times are told in minutes; digits that they have at least and at most.
-LONG_S, FEWEST, MOST = 600, 3, 9
+LONG_S, FEWEST, MOST = 600, 3, 12
 
 
 def time_label(stack: xr.DataArray, t: int) -> str:

@@ -75,7 +75,7 @@ def write_movie(
         If it can't be written; an older file of that name is then left as it was.
     ValueError
         If the ending is another one, ``av`` is missing, the number of frames per second is out of
-        range, or there are no frames.
+        range, there are no frames, or they are no pictures of one size.
     Cancelled
         If ``cancelled()`` returned True; an older file of that name is then left as it was.
     """
@@ -98,8 +98,30 @@ def write_movie(
         msg = f"there are no frames to write to {path.name}"
         raise ValueError(msg)
     with written_whole(path) as temporary:
-        write(temporary, chain([first], pictures), frames_a_second, watch)
+        write(temporary, alike(chain([first], pictures)), frames_a_second, watch)
     return path
+
+
+def alike(frames: Iterator[Frame]) -> Iterator[Frame]:
+    """Yield frames of a movie as long as they are pictures in colour, of the same size."""
+    size = None
+    for number, frame in enumerate(frames):
+        picture = np.asarray(frame)
+        if picture.dtype != np.uint8 or picture.ndim != 3 or picture.shape[2] != 3:
+            msg = (
+                "frames of a movie must be uint8 of shape (height, width, 3), but frame "
+                f"{number} is {picture.dtype} of shape {picture.shape}"
+            )
+            raise ValueError(msg)
+        size = size or picture.shape
+        if picture.shape != size:
+            msg = (
+                f"frames of a movie must be of one size, but frame {number} has "
+                f"{picture.shape[1]} x {picture.shape[0]} pixels, and the first "
+                f"{size[1]} x {size[0]}"
+            )
+            raise ValueError(msg)
+        yield picture
 
 
 def writer_for(path: Path) -> Callable[[Path, Iterator[Frame], float, Watch], None]:
@@ -134,9 +156,31 @@ def write_gif(path: Path, frames: Iterator[Frame], rate: float, watch: Watch) ->
             format="GIF",
             save_all=True,
             append_images=every,
-            duration=1000 / rate,
+            duration=Durations(rate),
             loop=0,
         )
+
+
+class Durations(list[int]):
+    """How many milliseconds each frame of a GIF stays: whole hundredths of a second, as it needs.
+
+    Some are one longer than others, so that all together they take as long as is asked for.
+    Pillow takes a list, and asks it for each frame; how many there will be is not known.
+
+    Parameters
+    ----------
+    rate : float
+        Frames a second.
+    """
+
+    def __init__(self, rate: float) -> None:
+        super().__init__()
+        self._rate = rate
+
+    def __getitem__(self, number: Any) -> Any:
+        """Return how long one frame stays."""
+        start, end = (round(100 * n / self._rate) for n in (number, number + 1))
+        return 10 * (end - start)
 
 
 class WatchedFile(io.BufferedWriter):
