@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -42,9 +43,16 @@ def phase_file(tmp_path: Path, phase_values: Any) -> Path:
     return with_pixel(tmp_path / "phase.tif", phase_values)
 
 
-def opened_with(path: Path, numbers: dict[str, float], **settings: Any) -> Any:
+#: What is said where one of two numbers follows from the pixel that a file names.
+STAYS = r"the pixel in the file, 0.1 um, stays: the camera's is taken for .* the magnification for"
+
+
+def opened_with(path: Path, numbers: dict[str, float], *, stays: bool = False, **settings: Any):
     """Open a file by a recipe with numbers that were typed in."""
-    return open_by(with_optics(p4d.Recipe(recording=str(path), **settings), numbers))
+    recipe = p4d.Recipe(recording=str(path), **settings)
+    with pytest.warns(UserWarning, match=STAYS) if stays else nullcontext():
+        recipe = with_optics(recipe, numbers)
+    return open_by(recipe)
 
 
 # ---- typed in ---------------------------------------------------------------------------------
@@ -61,18 +69,20 @@ TYPED = {
 @pytest.mark.parametrize("case", TYPED)
 def test_the_pixel_of_a_file_stays(holograms: Path, phase_file: Path, case: str) -> None:
     numbers, camera_pixel_um, magnification = TYPED[case]
-    optics = opened_with(holograms, numbers).optics
+    stays = case in ("camera pixel", "magnification")
+    optics = opened_with(holograms, numbers, stays=stays).optics
     assert optics.camera_pixel_um == pytest.approx(camera_pixel_um)
     assert optics.magnification == pytest.approx(magnification)
     assert optics.wavelength_um == numbers.get("wavelength_um", 0.6328)
-    stack = opened_with(phase_file, numbers)
+    stack = opened_with(phase_file, numbers, stays=stays)
     assert float(stack.x[1]) == pytest.approx(camera_pixel_um / magnification, rel=1e-4)
 
 
 def test_numbers_go_into_the_recipes_own_microscope(holograms: Path) -> None:
     same, other = p4d.Optics(magnification=52), p4d.Optics(magnification=20)
     typed = {"camera_pixel_um": 3.45}
-    assert opened_with(holograms, typed, optics=same).optics.pixel_um == pytest.approx(0.1)
+    mended = opened_with(holograms, typed, stays=True, optics=same).optics
+    assert mended.pixel_um == pytest.approx(0.1)
     assert opened_with(holograms, typed, optics=other).optics == p4d.Optics(0.6328, 3.45, 20)
 
 
@@ -99,9 +109,10 @@ def test_the_pixel_stays_while_one_records(tmp_path: Path, small_video: Recordin
         with_pixel(tmp_path / f"frame_{number}.tif", frame[None])
     recipe = p4d.Recipe(n_views=2, methods=("spatial-2d",), first_frames=2)
     numbers = {"camera_pixel_um": 3.45}
-    found = watch(
-        tmp_path, recipe, tmp_path / "out", frames=4, patience_s=2, optics_numbers=numbers
-    )
+    with pytest.warns(UserWarning, match=STAYS):
+        found = watch(
+            tmp_path, recipe, tmp_path / "out", frames=4, patience_s=2, optics_numbers=numbers
+        )
     assert found.recipe.optics.camera_pixel_um == 3.45
     assert found.recipe.optics.pixel_um == pytest.approx(0.1)
     with pytest.raises(ValueError, match="magnification must be a number above 0"):
@@ -185,3 +196,17 @@ def test_volumes_of_cells_go_by_the_medium_that_phase_notes(tmp_path: Path) -> N
         )
         volumes.append(found.cells.table["volume (um^3)"].sum())
     assert volumes[1] / volumes[0] == pytest.approx((1.38 - 1.333) / (1.38 - 1.36))
+
+
+def test_what_phase_notes_of_light_stays_where_other_numbers_are_typed(tmp_path: Path) -> None:
+    """With a magnification typed in, the light of the paper took the place of what is noted."""
+    light = p4d.Optics(wavelength_um=0.532)
+    yeast = p4d.simulation.budding_yeast(n_times=2, optics=light)["wrapped"]
+    path = p4d.write_phase(tmp_path / "green.ome.tif", yeast)
+    recipe = p4d.Recipe(recording=str(path), methods=("temporal",), boundary=((0, 0),))
+    with pytest.warns(UserWarning, match=r"the pixel in the file, 0.2 um, stays: .* 20$"):
+        typed = with_optics(recipe, {"magnification": 20})
+    assert typed.optics.wavelength_um == 0.532
+    p4d.run(typed)
+    with pytest.warns(UserWarning, match=r"not the recipe's wavelength \(the file: 532 nm\)"):
+        p4d.run(with_optics(recipe, {"wavelength_um": 0.5}))

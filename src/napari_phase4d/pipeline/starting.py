@@ -108,11 +108,24 @@ def typed_into(
     else:
         pixel_um = file_pixel_um(opened)
         counted = pixel_um is None and not numbers.keys() & OF_THE_PIXEL
-        own = optics_for_pixel(1.0) if counted else Optics()
+        own = replace(optics_for_pixel(1.0) if counted else Optics(), **noted_light(opened))
     known = given or own
     if given is not None and pixel_note(given.pixel_um, pixel_um):
         pixel_um = None  # the recipe's own counts
-    return with_typed_numbers(known, numbers, pixel_um)
+    typed = with_typed_numbers(known, numbers, pixel_um)
+    if pixel_um is not None and len(numbers.keys() & OF_THE_PIXEL) == 1:
+        way_out = "; give both to change it" if isinstance(opened, Recording) else ""
+        warn(
+            f"the pixel in the file, {pixel_um:.4g} um, stays: the camera's is taken for "
+            f"{typed.camera_pixel_um:.4g} um and the magnification for {typed.magnification:.4g}"
+            f"{way_out}"
+        )
+    return typed
+
+
+def noted_light(stack: xr.DataArray) -> dict[str, float]:
+    """Return what phase notes of wavelength and medium, as fields of `Optics`."""
+    return {n: float(stack.attrs[n]) for n in NOTED_LIGHT if stack.attrs.get(n) is not None}
 
 
 def lobes_of(recipe: Recipe) -> list[Lobe]:
@@ -180,7 +193,7 @@ def light_for(given: Optics | None, stack: xr.DataArray, own: Optics | None = No
     """
     if given is not None:
         return given
-    noted = {n: float(stack.attrs[n]) for n in NOTED_LIGHT if stack.attrs.get(n) is not None}
+    noted = noted_light(stack)
     base = own or Optics()
     if own is None and "wavelength_um" not in noted and wavelengths_of(stack) is None:
         warn(
@@ -279,6 +292,11 @@ def say_what_file_says(recipe: Recipe, phase: xr.DataArray) -> None:
     pixel_um = file_pixel_um(phase)
     if recipe.optics is not None and pixel_note(recipe.optics.pixel_um, pixel_um):
         passed_over.append(f"optics (the pixel in the file: {pixel_um:.4g} um)")
+    light = phase.attrs.get("wavelength_um")
+    if recipe.optics is not None and light is not None:
+        own_um = recipe.optics.wavelength_um
+        if not math.isclose(float(light), own_um, rel_tol=RATE_OFF):
+            passed_over.append(f"wavelength (the file: {1000 * float(light):.4g} nm)")
     if passed_over:
         warn(
             f"the file of wrapped phase says its own, which counts, not the recipe's "
