@@ -187,7 +187,7 @@ def setup(rest: list[str]) -> int:
     ).hexdigest()
     if STAMP.exists() and STAMP.read_text() == wanted:
         return 0
-    print("Setting up .venv (once, a minute or two) ...", flush=True)
+    print("Setting up .venv (once, some minutes) ...", flush=True)
     subprocess.run([sys.executable, "-m", "venv", str(VENV)], check=True)
     pip = [
         str(python_in_venv()),

@@ -120,6 +120,14 @@ BAD_RECIPES = {
 }
 
 
+def test_a_recipe_may_begin_with_a_byte_order_mark(tmp_path: Path) -> None:
+    """Some editors write one."""
+    recipe = p4d.Recipe(methods=("temporal",), frame_rate_hz=4)
+    path = recipe.to_file(tmp_path / "recipe.json")
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
+    assert p4d.Recipe.from_file(path) == recipe
+
+
 @pytest.mark.parametrize("case", BAD_RECIPES)
 def test_bad_recipe_gives_one_sentence(tmp_path: Path, case: str) -> None:
     text, sentence = BAD_RECIPES[case]

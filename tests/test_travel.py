@@ -72,6 +72,16 @@ def test_the_same_stack_gives_the_same_bytes(tmp_path: Path, ending: str) -> Non
     assert other != first
 
 
+@each_ending
+def test_views_without_angles_are_numbered_as_on_screen(tmp_path: Path, ending: str) -> None:
+    path = write_phase(tmp_path / f"phase{ending}", stack().assign_coords(angle=[0.0, 1.0]))
+    written = b"".join(p.read_bytes() for p in [path, *path.rglob("*.json")] if p.is_file())
+    assert b'"view 1"' in written
+    assert b'"view 2"' in written
+    assert b"view 0 deg" not in written
+    assert read_results(path)["angle"].values.tolist() == [0, 1]
+
+
 @pytest.mark.slow
 def test_opened_by_tifffile_and_by_the_ome_model(tmp_path: Path) -> None:
     ome_types = pytest.importorskip("ome_types")

@@ -353,8 +353,8 @@ def outlier_words(outliers: list[tuple[int, int]], stack: xr.DataArray) -> str:
 BOTH = ("temporal-angular", "angular-temporal")
 #: Results in the order in which a look at the steps relies on them.
 TRUSTED = ("synthetic-wavelength", REFERENCE, *BOTH, "temporal", "angular")
-#: The choice between T/A and A/T makes no difference where they differ by less than this share of
-#: all pixels, or by less than this part of what the worse one has: of 108 simulated recordings,
+#: The choice between T/A and A/T makes no difference where what one has less lies below this share
+#: of all pixels, or below this part of what the worse one has: of 108 simulated recordings,
 #: all 6 in which the one nearer to directional L1 was the worse one lie within that part.
 LEAST_SHARE, LEAST_PART = 0.0005, 0.1
 

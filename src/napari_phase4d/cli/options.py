@@ -100,7 +100,11 @@ class Typed(TypedDict, total=False):
         bool, typer.Option("--whole-field", help="Unwrap the whole field, not the object only.")
     ]
     cells: Annotated[
-        bool, typer.Option("--cells", help="Find, follow and measure cells in the best result.")
+        bool,
+        typer.Option(
+            "--cells",
+            help="Find, follow and measure cells: in Synthetic, WL1 or T/A, the first there is.",
+        ),
     ]
     smallest_cell: Annotated[
         float | None, typer.Option(help="Area in um^2 that a cell has at least; implies --cells.")

@@ -186,7 +186,7 @@ PICTURE = "comparison.png"
         "wavelength", "camera_pixel", "magnification", "frame_rate", "storage", "cells",
         "smallest_cell", "object_index", "increment", "oblique",
     ),
-    method=Annotated[list[str] | None, typer.Option(help="Method id; default: all of them.")],
+    method=Annotated[list[str] | None, typer.Option(help="Method id; default: all that suit.")],
 )  # fmt: skip
 def compare_command(
     inputs: Annotated[

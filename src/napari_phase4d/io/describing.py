@@ -16,6 +16,7 @@ from napari_phase4d.io.atomic import UnreadableError
 from napari_phase4d.later import xr
 from napari_phase4d.stacks import AXES, WAVELENGTH, wavelength_coordinate, wavelengths_of
 from napari_phase4d.task import THREADS, UNWATCHED, Task, Watch
+from napari_phase4d.words import views_are_numbered
 
 __all__ = [
     "OME_TIFF",
@@ -58,8 +59,13 @@ def described(stack: xr.DataArray) -> dict[str, Any]:
 
 
 def view_names(stack: xr.DataArray) -> list[str]:
-    """Return what other programs call the views of a stack: their angles, and wavelengths."""
-    names = [f"view {a:g} deg" for a in stack["angle"].values]
+    """Return what other programs call the views of a stack: their angles, and wavelengths.
+
+    Where nobody has given angles they are numbered from 1, as on screen.
+    """
+    angles = stack["angle"].values.tolist()
+    numbered = views_are_numbered(angles)
+    names = [f"view {n}" if numbered else f"view {a:g} deg" for n, a in enumerate(angles, 1)]
     light = wavelengths_of(stack)
     if light is None or WAVELENGTH not in stack.coords:
         return names

@@ -110,8 +110,8 @@ class Recipe(BaseModel):
     confidence : bool
         Whether a map of how far to trust it is written with each result.
     cells : CellSettings, optional
-        How cells are found, followed and measured in the result most to be trusted. Default: they
-        are not looked for.
+        How cells are found, followed and measured, in the first of these results that there is:
+        Synthetic, WL1, T/A, A/T, Temporal, Angular, any. Default: they are not looked for.
     storage : str
         Where stacks are held: "memory", "disk" (a block of frames at a time in memory, as for
         recordings larger than it), or "auto" (default) for memory if they fit.
@@ -346,7 +346,9 @@ def settings_in(path: Path) -> Any:
         msg = f"{path.name} is no recipe: it is larger than {LARGEST_FILE // 2**20} MB"
         raise ValueError(msg)
     try:
-        return json.loads(path.read_text(encoding="utf-8"), object_pairs_hook=without_doubles)
+        # Some editors put a byte order mark before UTF-8.
+        text = path.read_text(encoding="utf-8-sig")
+        return json.loads(text, object_pairs_hook=without_doubles)
     except UnicodeDecodeError as error:
         msg = f"{path.name} is no recipe: it is not a text file"
         raise ValueError(msg) from error

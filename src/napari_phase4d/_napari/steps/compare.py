@@ -317,7 +317,7 @@ class CompareStep(Step):
         """Show each result less the chosen one."""
         self.session.needed_outcome()
         chosen = self.difference.value
-        words = f"Each result {chosen}, in radians: dark is 0, half the scale a cycle."
+        words = f"Each result {chosen}, in radians: dark is 0, either end a cycle."
         plan = self.presenter.plan_difference(self._references()[chosen])
 
         def receive(made: Any) -> None:
