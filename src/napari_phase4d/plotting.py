@@ -58,7 +58,18 @@ SAFETY_POWER = 3
 
 @checked_call
 def colour_of(cell: int) -> str:
-    """Return the colour of a cell, from 1: the same in picture, curve and table."""
+    """Return the colour of a cell, from 1: the same in picture, curve and table.
+
+    Parameters
+    ----------
+    cell : int
+        Number of the cell, as `napari_phase4d.analysis.find_cells` gives it.
+
+    Returns
+    -------
+    str
+        Red, green and blue, such as "#b5a642". After the last colour the first comes again.
+    """
     return CELL_COLOURS[(cell - 1) % len(CELL_COLOURS)]
 
 
@@ -409,7 +420,19 @@ def angle_label(stacks: Sequence[xr.DataArray], row: int) -> str:
 
 @checked_call
 def phase_limits(stacks: Sequence[NDArray[np.floating]]) -> tuple[float, float]:
-    """Return the range of phase of several pictures, without a few extreme pixels and NaN."""
+    """Return the range of phase of several pictures, without a few extreme pixels and NaN.
+
+    Parameters
+    ----------
+    stacks : sequence of ndarray
+        Pictures in radians, of any shape.
+
+    Returns
+    -------
+    low, high : float
+        Radians: a thousandth of the known pixels lie below, half a thousandth above. -pi and pi if
+        no pixel is known.
+    """
     shown = np.concatenate([np.ravel(s) for s in stacks])
     low, high = shares_of(shown, (0.001, 0.9995), (-np.pi, np.pi))
     return low, high
@@ -465,7 +488,15 @@ DARKEST = 0.5
 
 @dataclass(frozen=True)
 class Circle:
-    """A lobe as it is drawn on the spectrum: ``(ky, kx)`` and radius in cycles per pixel."""
+    """A lobe as it is drawn on the spectrum: ``(ky, kx)`` and radius in cycles per pixel.
+
+    Parameters
+    ----------
+    centre : tuple of float
+        Where the lobe lies, ``(ky, kx)`` in cycles per camera pixel.
+    radius : float
+        How far it reaches, in cycles per camera pixel.
+    """
 
     centre: tuple[float, float]
     radius: float
@@ -606,7 +637,20 @@ EXACT = "exact"
 def named_results(
     comparison: Comparison, truth: xr.DataArray | None = None
 ) -> dict[str, xr.DataArray]:
-    """Return the truth, where it is known, and every result by the name of its method."""
+    """Return the truth, where it is known, and every result by the name of its method.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        Results and their table, as `napari_phase4d.compare` gives them.
+    truth : xarray.DataArray, optional
+        Exact phase in radians.
+
+    Returns
+    -------
+    dict of str to DataArray
+        Phase in radians by short name, such as "T/A"; the truth comes first, as "exact".
+    """
     labels = comparison.table["method"]
     named = {str(labels[method]): result for method, result in comparison.results.items()}
     return named if truth is None else {EXACT: truth, **named}
@@ -626,6 +670,11 @@ def telling_frames(
         The optically thin frame (time, angle); negative numbers count from the end.
     also : tuple of int, optional
         One more frame, such as the one on screen, instead of the one half way.
+
+    Returns
+    -------
+    list of (int, int)
+        Frame numbers (time, angle) from 0, at most four, each once.
     """
     last, far, (t, a) = phase.sizes["time"] - 1, phase.sizes["angle"] - 1, boundary
     frames = [(t % (last + 1), a % (far + 1)), also or (last // 2, 0), (last, 0), (last, far)]

@@ -48,17 +48,49 @@ READERS: WeakValueDictionary[str, ReadsFrames] = WeakValueDictionary()
 
 
 def remember_reader(name: str, reader: ReadsFrames) -> None:
-    """Let single frames of the dask array of this name be read by its reader, without dask."""
+    """Let single frames of the dask array of this name be read by its reader, without dask.
+
+    Parameters
+    ----------
+    name : str
+        The array's ``name``.
+    reader : object
+        Its ``frame(index)`` returns one frame (y, x). It is forgotten when nobody else holds it.
+    """
     READERS[name] = reader
 
 
 def reader_of(frames: Any) -> ReadsFrames | None:
-    """Return who reads the frames of a dask array, if that is known; not of a part or a copy."""
+    """Return who reads the frames of a dask array, if that is known; not of a part or a copy.
+
+    Parameters
+    ----------
+    frames : array_like
+        Frames (time, y, x); an array that is not of dask has no reader.
+
+    Returns
+    -------
+    object or None
+        Its ``frame(index)`` returns one frame, shape (y, x).
+    """
     return READERS.get(str(getattr(frames, "name", "")))
 
 
 def one_frame(frames: Any, index: int) -> NDArray[np.generic]:
-    """Return one frame of an array (time, y, x), by the shortest way."""
+    """Return one frame of an array (time, y, x), by the shortest way.
+
+    Parameters
+    ----------
+    frames : array_like
+        Frames (time, y, x), in memory or lazy.
+    index : int
+        Number of the frame from 0; negative numbers count from the end.
+
+    Returns
+    -------
+    ndarray, shape (y, x)
+        The frame's numbers as they are, in memory.
+    """
     reader = reader_of(frames)
     # The length of a dask array is counted anew each time, over all of its chunks.
     n_frames = frames.shape[0]

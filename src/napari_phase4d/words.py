@@ -513,6 +513,14 @@ def as_path(path: Any, advice: str = "") -> Path:
 def address_of(given: str | PathLike[str]) -> str | None:
     """Return the address of a server that a text or path stands for; None for a file or folder.
 
+    Parameters
+    ----------
+    given : str or path, with either slash
+
+    Returns
+    -------
+    str or None, with its scheme in small letters and no slash at the end
+
     Examples
     --------
     >>> address_of("https://example.org/cell.zarr"), address_of(Path("s3://lab/cell.zarr"))

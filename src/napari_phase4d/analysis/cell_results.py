@@ -51,15 +51,16 @@ class CellSettings:
         Areas between which a cell lies, in square micrometres. Default 30 pixels, and no upper
         limit.
     at_border : bool
-        Whether cells count that the border of the frame cuts off.
+        Whether cells count that the border of the frame cuts off. Default True.
     split : bool
-        Whether blobs are cut where they have a neck.
+        Whether blobs are cut where they have a neck. Default True.
     oblique : bool
-        Whether phase of oblique views is multiplied by the cosine of their angle.
+        Whether phase of oblique views is multiplied by the cosine of their angle. Default False.
     object_index : float, optional
         Refractive index of the cells; without it there is neither height nor volume.
     refraction_increment_ml_per_g : float
-        How much one gram of dry matter in a millilitre raises the refractive index.
+        How much one gram of dry matter in a millilitre raises the refractive index, in mL/g.
+        Default 0.18.
 
     Raises
     ------
@@ -68,6 +69,7 @@ class CellSettings:
 
     Examples
     --------
+    >>> from napari_phase4d.analysis import CellSettings
     >>> CellSettings(smallest_um2=20, at_border=False).smallest_um2
     20
     """
@@ -179,6 +181,12 @@ def cells_in(
     progress, cancelled : callable, optional
         See `unwrap`.
 
+    Returns
+    -------
+    Cells
+        Labels, dims (time, angle, y, x), and the table of what was measured, a row a cell, time
+        and view.
+
     Raises
     ------
     TypeError, ValueError
@@ -225,6 +233,12 @@ def with_empty_field(unwrapped: xr.DataArray, wrapped: xr.DataArray) -> xr.DataA
     ----------
     unwrapped, wrapped : xarray.DataArray
         A result, 0 where it was masked, and the phase that it was made of, radians.
+
+    Returns
+    -------
+    xarray.DataArray
+        float32 in radians, with the dims and coordinates of ``unwrapped``, and ``attrs["mask"]``
+        "none"; ``unwrapped`` itself where it had no mask.
     """
     if unwrapped.attrs.get("mask", "none") == "none":
         return unwrapped

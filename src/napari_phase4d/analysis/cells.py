@@ -185,6 +185,11 @@ def copied_labels(labels: xr.DataArray) -> Labels:
     labels : xarray.DataArray
         What `find_cells` gives, dims (time, angle, y, x).
 
+    Returns
+    -------
+    ndarray of int32, shape (time, angle, y, x)
+        The same numbers, 0 where there is no cell; what is painted in it leaves ``labels`` alone.
+
     Raises
     ------
     OSError

@@ -52,6 +52,11 @@ def mean_squared_error(unwrapped: xr.DataArray, truth: xr.DataArray) -> float:
     unwrapped, truth : xarray.DataArray
         Phase in radians on the same grid. Pixels where the truth is NaN don't count.
 
+    Returns
+    -------
+    float
+        In rad^2; NaN if no pixel counts.
+
     Examples
     --------
     >>> exact = xr.DataArray(np.zeros((1, 1, 2, 2)), dims=("time", "angle", "y", "x"))
@@ -68,7 +73,18 @@ def mean_squared_error(unwrapped: xr.DataArray, truth: xr.DataArray) -> float:
 
 
 def wrong_cycle_map(unwrapped: xr.DataArray, truth: xr.DataArray) -> xr.DataArray:
-    """Mark the pixels that are off by at least one turn; none where the truth is NaN."""
+    """Mark the pixels that are off by at least one turn; none where the truth is NaN.
+
+    Parameters
+    ----------
+    unwrapped, truth : xarray.DataArray
+        Phase in radians on the same grid, dims among (time, angle, y, x).
+
+    Returns
+    -------
+    xarray.DataArray of bool
+        In the form of ``unwrapped``: True where the difference, rounded to whole turns, is not 0.
+    """
     unwrapped, truth = both(unwrapped, truth)
     return unwrapped.copy(data=off_by_turns(unwrapped.values, truth.values))
 
@@ -96,6 +112,11 @@ def wrong_cycle_share(
         Phase in radians on the same grid.
     where : xarray.DataArray of bool, optional
         Pixels to count; default all.
+
+    Returns
+    -------
+    float
+        From 0 to 1; NaN if no pixel counts.
 
     Examples
     --------

@@ -125,6 +125,19 @@ def with_wavelength(
     """Return the same phase noise with its optical path at another wavelength, in micrometres.
 
     It may be one for each view.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+        What `noise_figures` gives, one row a view.
+    wavelength_um : float or ndarray of float, shape (view,)
+        Vacuum wavelength in micrometres; NaN where it is not known.
+
+    Returns
+    -------
+    pandas.DataFrame
+        A new table in the form of `noise_figures`; ``temporal_path_nm`` and ``spatial_path_nm``,
+        in nanometres, are those of the wavelength.
     """
     if "temporal_phase_mrad" not in table or "spatial_phase_mrad" not in table:
         msg = "table has no columns of phase noise; give the one that noise_figures() makes"

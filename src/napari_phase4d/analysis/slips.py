@@ -207,6 +207,11 @@ def slipped_frames(problem: Problem, trust: xr.DataArray) -> Mask:
         What was unwrapped.
     trust : DataArray
         What `confidence` gave.
+
+    Returns
+    -------
+    ndarray of bool, shape (time, angle)
+        True for the frames in which they may.
     """
     return tally_of(problem, {}, {"": stack_of(trust)}).slipped[""]
 
@@ -220,6 +225,11 @@ def slip_warning(problem: Problem, trust: xr.DataArray) -> str:
     ----------
     problem, trust
         See `slipped_frames`.
+
+    Returns
+    -------
+    str
+        How many frames those are, and which is the first, counted from 0.
     """
     return slip_words(slipped_frames(problem, trust))
 

@@ -361,7 +361,19 @@ LEAST_SHARE, LEAST_PART = 0.0005, 0.1
 
 @checked_call
 def most_trusted(results: Mapping[str, xr.DataArray]) -> str:
-    """Return the id of the method among the results that is most to be relied on."""
+    """Return the id of the method among the results that is most to be relied on.
+
+    Parameters
+    ----------
+    results : mapping of str to DataArray
+        Method id to unwrapped phase; at least one.
+
+    Returns
+    -------
+    str
+        The first that is there of Synthetic, WL1, T/A, A/T, Temporal and Angular; the first of the
+        results if none of these is.
+    """
     if not results:
         msg = "results is empty; give at least one"
         raise ValueError(msg)
@@ -372,7 +384,22 @@ def most_trusted(results: Mapping[str, xr.DataArray]) -> str:
 def best_known(
     results: Mapping[str, xr.DataArray], truth: xr.DataArray | None = None
 ) -> tuple[xr.DataArray, str]:
-    """Return the phase that is most to be relied on, and what it is in words."""
+    """Return the phase that is most to be relied on, and what it is in words.
+
+    Parameters
+    ----------
+    results : mapping of str to DataArray
+        Method id to unwrapped phase in radians; at least one where there is no truth.
+    truth : xarray.DataArray, optional
+        Exact phase in radians, where it is known.
+
+    Returns
+    -------
+    phase : xarray.DataArray
+        The truth, or the result of `most_trusted`, as it was given.
+    words : str
+        What it is, such as "the exact phase" or "the result of T/A".
+    """
     if truth is not None:
         return truth, "the exact phase"
     method = most_trusted(results)
@@ -420,6 +447,11 @@ def order_verdict(
         The optically thin frame (time, angle).
     truth : DataArray, optional
         Exact phase, where it is known.
+
+    Returns
+    -------
+    str
+        A whole sentence; where it can't be told, it says so and which methods to run.
     """
     if not has_order(truth, *results.values()):
         return "Of one time, or of one view, there is no order to choose."

@@ -95,6 +95,11 @@ def cases(groups: Sequence[str] | None = None) -> Iterator[Case]:
     groups : sequence of str, optional
         Some of `GROUPS`. Default: all.
 
+    Yields
+    ------
+    Case
+        Wrapped and exact phase in radians, dims (time, angle, y, x), group after group.
+
     Raises
     ------
     ValueError

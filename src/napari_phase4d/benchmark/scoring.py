@@ -256,6 +256,16 @@ from the frame in which the object is thinnest.</p>
 def check_folder(folder: str | Path) -> Path:
     """Return a folder that a benchmark may be written to.
 
+    Parameters
+    ----------
+    folder : str or Path
+        It need not be there yet, and is not made.
+
+    Returns
+    -------
+    Path
+        The same folder.
+
     Raises
     ------
     OSError

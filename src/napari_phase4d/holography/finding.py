@@ -172,7 +172,7 @@ def find_lobes(
     Parameters
     ----------
     rec : Recording
-        The hologram video; up to 16 frames of it are looked at.
+        The hologram video; up to 16 frames of it are looked at, fewer of very large ones.
     n_views : int, optional
         How many views there are, 1 to 6. Default: as many as there are angles or wavelengths,
         else as many as there seem to be.
@@ -183,8 +183,8 @@ def find_lobes(
         Wavelengths in micrometres, in the order of the lobes, where views differ in them. A
         hologram can't tell them either. Default: all have that of the recording.
     radius : float, optional
-        Radius of all lobes in cycles per pixel. Default: as large as the pupil seems to be and
-        as the neighbours allow.
+        Radius of all lobes in cycles per pixel, 0.001 to 0.5. Default: as large as the pupil
+        seems to be and as the neighbours allow.
     orient : bool, optional
         Whether to flip a lobe in which a clear object would come out with less phase than the
         background. Default True: cells are denser than water.
@@ -202,7 +202,18 @@ def find_lobes(
     Raises
     ------
     ValueError
-        If ``n_views`` is out of range or fewer carriers can be seen.
+        If ``n_views`` or ``radius`` is out of range, or fewer carriers can be seen.
+    TypeError
+        If ``rec`` is no recording.
+    OSError
+        If its frames can't be read.
+    Cancelled
+        If ``cancelled()`` returned True.
+
+    Warns
+    -----
+    UserWarning
+        If there seem to be fewer views than asked for, or the recording is overexposed.
 
     See Also
     --------

@@ -221,6 +221,20 @@ def depth_of_focus_um(wavelength_um: float, pixel_um: PixelSize, medium_index: f
 
     The refocused field changes little within n wavelength / NA^2 (Born & Wolf, section 8.8), where
     the pixels hold a numerical aperture NA of wavelength / (2 pixel), and the medium one of n.
+
+    Parameters
+    ----------
+    wavelength_um : float
+        Vacuum wavelength in micrometres.
+    pixel_um : float or sequence of float
+        Size of a pixel in the sample in micrometres, or its (y, x); the larger side counts.
+    medium_index : float
+        Refractive index of the medium, at least 1.
+
+    Returns
+    -------
+    float
+        In micrometres along the light, in the medium.
     """
     aperture = min(wavelength_um / (2 * max(pixel_sides(pixel_um))), medium_index)
     return medium_index * wavelength_um / aperture**2

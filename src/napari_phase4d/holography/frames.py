@@ -421,6 +421,12 @@ def recalibrated(stack: Stack, rec: Recording) -> Stack:
         With ``attrs["pixel_ratio"]``, as `reconstruct` notes it.
     rec : Recording
         The same frames with another microscope or frame rate.
+
+    Returns
+    -------
+    Dataset or DataArray
+        The same pixels with new coordinates in seconds and micrometres, and new notes of the
+        microscope; wavelengths that lobes named stay.
     """
     shape = (stack.sizes["y"], stack.sizes["x"])
     # Where lobes named their wavelengths, these stay as they are.

@@ -142,7 +142,22 @@ def wrapped_distance(a: Frequency, b: Frequency, scale: Sequence[float] = (1, 1)
 
 
 def pair_distance(a: Frequency, b: Frequency, scale: Sequence[float] = (1, 1)) -> float:
-    """Return the distance of a to b or to its conjugate -b, whichever is nearer."""
+    """Return the distance of a to b or to its conjugate -b, whichever is nearer.
+
+    Parameters
+    ----------
+    a, b : sequence of float
+        Two frequencies ``(ky, kx)`` in cycles per camera pixel.
+    scale : sequence of float, optional
+        What the distances along y and x are multiplied by. Default (1, 1); with the shape of the
+        frames it is one in pixels of their spectrum.
+
+    Returns
+    -------
+    float
+        In cycles per camera pixel, times the scale; a spectrum repeats with period 1, and the
+        shortest way counts.
+    """
     return min(wrapped_distance(a, b, scale), wrapped_distance(a, [-v for v in b], scale))
 
 

@@ -151,6 +151,12 @@ def lost_sentence(lost: Mapping[int, str], looked_at: int) -> str:
     looked_at : int
         How many frames were looked at.
 
+    Returns
+    -------
+    str
+        How many frames, their numbers, and why; frames without fringes in some views have a
+        sentence of their own.
+
     Examples
     --------
     >>> lost_sentence({2: "blank"}, 4)

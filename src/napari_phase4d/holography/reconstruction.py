@@ -378,6 +378,11 @@ def beginning_of(rec: Recording, first_frames: int | None) -> Recording:
     first_frames : int or None
         See `reconstruct`.
 
+    Returns
+    -------
+    Recording
+        The recording itself if ``first_frames`` is None, else its first frames.
+
     Raises
     ------
     ValueError
@@ -489,6 +494,11 @@ def find_focus(
         and then also fewer of many views. Others stand in for frames that the camera lost.
     metric, objects, progress, cancelled : optional
         As in `autofocus`.
+
+    Returns
+    -------
+    Focus
+        Distance in micrometres, kind of object, and the measure over distance.
 
     Raises
     ------

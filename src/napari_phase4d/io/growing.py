@@ -66,6 +66,11 @@ def arriving_at(
     whole : bool, optional
         Whether it is a folder in which files get their names only when they are whole.
 
+    Returns
+    -------
+    Arriving
+        What gives out each frame once, in their order.
+
     Raises
     ------
     ValueError

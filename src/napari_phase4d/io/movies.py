@@ -69,6 +69,11 @@ def write_movie(
     progress, cancelled : callable, optional
         ``progress(done, total, message)`` after each frame; ``cancelled()`` stops the work.
 
+    Returns
+    -------
+    Path
+        The file that was written.
+
     Raises
     ------
     OSError
@@ -257,6 +262,18 @@ def check_figure(path: str | Path) -> Path:
 @checked_call
 def write_figure(path: str | Path, figure: Figure) -> Path:
     """Write a figure; the ending, .png, .svg or .pdf, says as what.
+
+    Parameters
+    ----------
+    path : str or Path
+        File to write; an older one of that name is replaced.
+    figure : matplotlib.figure.Figure
+        What is drawn with matplotlib; a .png gets 150 dots per inch.
+
+    Returns
+    -------
+    Path
+        The file that was written.
 
     Raises
     ------

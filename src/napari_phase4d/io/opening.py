@@ -253,7 +253,27 @@ def recording_of(
     optics: Optics | None,
     frame_rate_hz: float | None,
 ) -> Recording:
-    """Join a file's frames with the user's and the file's own facts."""
+    """Join a file's frames with the user's and the file's own facts.
+
+    Parameters
+    ----------
+    video : Video
+        Frames and what their file says of them.
+    name : str
+        How the recording is called on screen and in messages.
+    source : str
+        Where it was read from, so that it can be opened again.
+    optics : Optics or None
+        The microscope. None: that of the paper, with the magnification that gives the file's pixel
+        where the file names one.
+    frame_rate_hz : float or None
+        Frames per second. None: the file's times or interval, else 1.
+
+    Returns
+    -------
+    Recording
+        Its ``notes`` say what had to be assumed.
+    """
     frames = video.frames
     if video.colour and getattr(frames, "ndim", 0) >= 3:
         raise ValueError(colour_sentence(name))

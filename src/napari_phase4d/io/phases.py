@@ -275,6 +275,18 @@ def holds_phase(path: str | Path, dataset: str | None = None) -> bool:
     and spans more than half a cycle. Stacks of four dimensions are phase. Of files that this
     program wrote, those in radians are that no method has unwrapped; of those without a unit, as
     a script may write them, those whose numbers are such.
+
+    Parameters
+    ----------
+    path : str or Path
+        A file, a folder or the address of a store.
+    dataset : str, optional
+        Which array of a file that holds several. Default: the one that is found by itself.
+
+    Returns
+    -------
+    bool
+        False also if it is not there or can't be read as phase.
     """
     return phase_by(path, dataset) is not None
 

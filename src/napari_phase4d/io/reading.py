@@ -130,7 +130,18 @@ def parts_beside(path: Path) -> list[Path]:
 
 
 def needs_layout(path: Path) -> bool:
-    """Say whether a file is raw and can't say itself how its frames lie."""
+    """Say whether a file is raw and can't say itself how its frames lie.
+
+    Parameters
+    ----------
+    path : Path
+        A file or folder; it need not be there.
+
+    Returns
+    -------
+    bool
+        True if it has to be opened with a `RawLayout`. Files of Koala say it themselves.
+    """
     return (
         path.suffix.lower() in RAW_SUFFIXES
         and path.is_file()

@@ -218,6 +218,11 @@ def write_phase(
     progress, cancelled : callable, optional
         ``progress(done, total, message)``; ``cancelled()`` stops the work.
 
+    Returns
+    -------
+    Path
+        The file or folder, which `read_results` reads.
+
     Raises
     ------
     OSError
@@ -276,6 +281,16 @@ def read_results(path: str | Path) -> xr.DataArray:
     The numbers of an OME-Zarr stay on disk, as a dask array of one frame a chunk, and are read
     when they are used.
 
+    Parameters
+    ----------
+    path : str or Path
+        A file or folder that `write_phase` wrote.
+
+    Returns
+    -------
+    xarray.DataArray
+        Dims (time, angle, y, x), in seconds, degrees and micrometres.
+
     Raises
     ------
     OSError
@@ -320,6 +335,18 @@ def as_table_file(path: str | Path) -> Path:
 @checked_call
 def write_table(path: str | Path, table: pd.DataFrame) -> Path:
     """Write a table as CSV and return its path, which gets the ending .csv if it has none.
+
+    Parameters
+    ----------
+    path : str or Path
+        File to write; an older one of that name is replaced.
+    table : pandas.DataFrame
+        Its index is written too, in front of the columns.
+
+    Returns
+    -------
+    Path
+        The file that was written.
 
     Raises
     ------

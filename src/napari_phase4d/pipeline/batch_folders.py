@@ -204,6 +204,18 @@ def result_folders(files: Iterable[str | Path], out: str | Path) -> list[Path]:
     It is called like the file without its ending. Files that share such a name keep their ending,
     and as many of the folders that they lie in as it takes to tell them apart, so that the order
     of the files does not matter.
+
+    Parameters
+    ----------
+    files : iterable of str or Path
+        The recordings of a batch.
+    out : str or Path
+        The folder for all results.
+
+    Returns
+    -------
+    list of Path
+        One for each file, in the order of the files. None of them is made.
     """
     paths, out = [as_path(file) for file in files], as_path(out)
     groups: dict[str, list[int]] = defaultdict(list)

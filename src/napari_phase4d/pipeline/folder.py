@@ -129,7 +129,18 @@ def put(
 
 
 def checked_form(form: str | None) -> Form | None:
-    """Return a form if there is such a one, None for the usual one, else raise ValueError."""
+    """Return a form if there is such a one, None for the usual one, else raise ValueError.
+
+    Parameters
+    ----------
+    form : str or None
+        What stacks are to be written as: "tiff", "zarr", or None to leave it to the program.
+
+    Returns
+    -------
+    str or None
+        The same form.
+    """
     for known in get_args(Form):
         if form == known:
             return known  # type: ignore[no-any-return]
@@ -160,7 +171,18 @@ RECIPE, TABLE, WRAPPED = "recipe.json", "table.csv", "wrapped"
 
 
 def holds_outcome(folder: str | Path) -> bool:
-    """Say whether `write_outcome` has written into a folder what `read_outcome` needs."""
+    """Say whether `write_outcome` has written into a folder what `read_outcome` needs.
+
+    Parameters
+    ----------
+    folder : str or Path
+        It need not be there.
+
+    Returns
+    -------
+    bool
+        True if the recipe and the wrapped phase are in it. False for an address on a server.
+    """
     if address_of(folder) is not None:
         return False
     folder = local_path(folder)

@@ -138,7 +138,23 @@ class Needs:
 
 
 def needs_of(recipe: Recipe, recording: Recording, lobes: Sequence[Lobe]) -> Needs:
-    """Return what a run from holograms needs."""
+    """Return what a run from holograms needs.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        Its methods, ``boundary`` and ``confidence`` count.
+    recording : Recording
+        The hologram video; only its shape is looked at.
+    lobes : sequence of Lobe
+        The views; how large they are tells how many pixels the phase has.
+
+    Returns
+    -------
+    Needs
+        Bytes of memory and of disk, for phase, amplitude, results, and the camera's frames that
+        are worked on.
+    """
     height, width = Demodulator(recording.frame_shape, lobes).output_shape
     shape = (recording.n_frames, len(lobes), height, width)
     finds_start = recipe.boundary == "auto"
@@ -176,6 +192,11 @@ def phase_needs(
         Whether the safest frame to start from is still to be found.
     confidence : bool, optional
         Whether maps of confidence are made of all results.
+
+    Returns
+    -------
+    Needs
+        Bytes of memory and of disk.
     """
     stack, frame = 4 * math.prod(shape), 4 * math.prod(shape[2:])
     whole = [m for m in methods if not METHODS[m].streams]
@@ -224,7 +245,22 @@ def start_bytes(shape: Sequence[int]) -> int:
 
 
 def needed_bytes(recording: Recording, lobes: Sequence[Lobe], methods: Sequence[str]) -> int:
-    """Return about how much memory a run will need, in bytes, with all stacks held there."""
+    """Return about how much memory a run will need, in bytes, with all stacks held there.
+
+    Parameters
+    ----------
+    recording : Recording
+        The hologram video; only its shape is looked at.
+    lobes : sequence of Lobe
+        The views; how large they are tells how many pixels the phase has.
+    methods : sequence of str
+        Ids of the methods to run, one after the other.
+
+    Returns
+    -------
+    int
+        Bytes, without finding a frame to start from and without maps of confidence.
+    """
     recipe = Recipe(methods=tuple(methods), boundary=((0, 0),))
     return needs_of(recipe, recording, lobes).in_memory
 
@@ -240,6 +276,11 @@ def working_bytes(stack: int, methods: Sequence[str], *, frame: int) -> int:
         Ids of the methods to run, one after the other.
     frame : int
         Bytes of one frame of it.
+
+    Returns
+    -------
+    int
+        Bytes: all results, the shared first step, and what the greediest of the methods needs.
     """
     largest = max((METHODS[m].working_stacks for m in methods), default=0)
     of_threads = cores() * STACKS_OF_A_FRAME * frame
@@ -385,6 +426,12 @@ def find_place(
     scheduler : str, optional
         Address of a cluster.
 
+    Returns
+    -------
+    Place or None
+        A place on disk if the recipe or a cluster asks for it, or memory is too small and the
+        recipe leaves it open. Close it when the run has ended.
+
     Raises
     ------
     OSError
@@ -408,6 +455,18 @@ def stacks_beside(folder: str | Path, form: str | None) -> Iterator[Path]:
     """Give where stacks on disk go before results are written to a folder in a form.
 
     It is the folder itself, unless they are wished for in another form than that of the disk.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Where the results will be written.
+    form : str or None
+        "tiff", "zarr" or None, see `write_outcome`.
+
+    Yields
+    ------
+    Path
+        The folder, or for "tiff" a hidden new one, which is removed afterwards.
     """
     if form != "tiff":
         yield Path(folder)
@@ -422,6 +481,11 @@ def stacks_beside(folder: str | Path, form: str | None) -> Iterator[Path]:
 @checked_call
 def make_folder(out: Path) -> None:
     """Make the folder for results.
+
+    Parameters
+    ----------
+    out : Path
+        It may be there already; the folders that it lies in are made too.
 
     Raises
     ------

@@ -130,6 +130,16 @@ class Hashing:
 def fingerprinting(source: str | Path) -> Iterator[Hashing]:
     """Compute a fingerprint in a thread while something else is done, and end it with that.
 
+    Parameters
+    ----------
+    source : str or Path
+        A file, a folder, a pattern with ``*``, or the name of a sample.
+
+    Yields
+    ------
+    Hashing
+        Its ``result()`` waits for the fingerprint.
+
     Raises
     ------
     OSError
@@ -145,6 +155,18 @@ def fingerprinting(source: str | Path) -> Iterator[Hashing]:
 @checked_call
 def fingerprint(source: str | Path, cancelled: CancelledCall | None = None) -> Fingerprint:
     """Return the fingerprint of a file, a folder, a pattern with ``*``, or a sample.
+
+    Parameters
+    ----------
+    source : str or Path
+        What is to be read, by the name that it is opened by.
+    cancelled : callable, optional
+        ``cancelled()`` stops the work.
+
+    Returns
+    -------
+    Fingerprint
+        Name, size in bytes and SHA-256; the name only of a sample or of a store on a server.
 
     Raises
     ------
@@ -327,6 +349,11 @@ def source_of(outcome: Outcome, cancelled: CancelledCall | None = None) -> Finge
         What the run gave.
     cancelled : callable, optional
         ``cancelled()`` stops the work.
+
+    Returns
+    -------
+    Fingerprint
+        Name, size in bytes and SHA-256, as far as they are known.
     """
     if outcome.recording is not None:
         source, name = outcome.recording.source, outcome.recording.name
@@ -345,7 +372,13 @@ def known(source: str, task: Task) -> Fingerprint:
 
 
 def program_version() -> str:
-    """Return the version of this program."""
+    """Return the version of this program.
+
+    Returns
+    -------
+    str
+        As the installed package says it, such as "0.2.0".
+    """
     return metadata.version(PROGRAM)
 
 

@@ -81,20 +81,21 @@ class Recipe(BaseModel):
     lobes : tuple of Lobe
         The views; empty to find them.
     reference : int, str or None
-        Frame number, "median", a file with a hologram without the object, or None.
+        Frame number, "median", a file with a hologram without the object, or None (default).
     window : str
-        How a lobe is cut out: "disk", "smooth-disk", "gaussian" or "tukey".
+        How a lobe is cut out: "disk", "smooth-disk" (default), "gaussian" or "tukey".
     background : str
-        What is fitted to the empty field and removed: "none", "tilt", "curvature", "polynomial"
-        or "zernike".
+        What is fitted to the empty field and removed: "none", "tilt" (default), "curvature",
+        "polynomial" or "zernike".
     background_order : int
-        Degree of the last two, 1 to 8.
+        Degree of the last two, 1 to 8, default 4.
     refocus_um : float, "auto" or None
-        How far the fields are carried along the light, in micrometres; "auto" to find the focus.
+        How far the fields are carried along the light, in micrometres; "auto" to find the focus;
+        None (default) not to.
     drift : bool
-        Whether the phase of the empty field is set to zero in every frame.
+        Whether the phase of the empty field is set to zero in every frame. Default True.
     tilt_per_frame : bool
-        Whether a tilt is taken off each frame too, fitted to its own empty field.
+        Whether a tilt is taken off each frame too, fitted to its own empty field. Default False.
     first_frames : int, optional
         Lobes, background, focus, and what fringes usually are, are taken from so many frames at
         the beginning only, as while a recording is watched. Default: from all over it.
@@ -105,10 +106,11 @@ class Recipe(BaseModel):
         safest one by `score_boundaries`.
     methods : tuple of str
         Ids of the unwrapping methods; labels, as "T/A", are taken for the ids they stand for.
+        Default: the paper's five (2-D, Angular, Temporal, T/A, A/T) and WL1.
     options : dict
-        Method id to that method's options.
+        Method id to that method's options. Default: the usual ones.
     confidence : bool
-        Whether a map of how far to trust it is written with each result.
+        Whether a map of how far to trust it is written with each result. Default False.
     cells : CellSettings, optional
         How cells are found, followed and measured, in the first of these results that there is:
         Synthetic, WL1, T/A, A/T, Temporal, Angular, any. Default: they are not looked for.

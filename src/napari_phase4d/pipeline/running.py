@@ -167,6 +167,12 @@ def run(
         Address of a ``dask.distributed`` scheduler whose workers see the recording and the folder
         under the same paths. All stacks lie on disk then.
 
+    Returns
+    -------
+    Outcome
+        The recipe as it was followed, wrapped phase, unwrapped phase of every method, their table,
+        and cells if they are asked for.
+
     Raises
     ------
     OSError, TypeError, ValueError
@@ -501,6 +507,11 @@ def estimated_seconds(
         The views of a hologram video.
     cancelled : callable, optional
         ``cancelled()`` stops the trial.
+
+    Returns
+    -------
+    float
+        Seconds; maps of confidence, cells and the writing of results are not counted.
 
     Raises
     ------

@@ -65,6 +65,16 @@ NEED_HOLOGRAMS = {
 def open_by(recipe: Recipe) -> Recording | xr.DataArray:
     """Open the file or sample that a recipe names: holograms, or wrapped phase.
 
+    Parameters
+    ----------
+    recipe : Recipe
+        Its recording, microscope, frame rate, angles and what else says how to read the file.
+
+    Returns
+    -------
+    Recording or xarray.DataArray
+        The hologram video, or wrapped phase in radians, dims (time, angle, y, x).
+
     Raises
     ------
     OSError, TypeError, ValueError
@@ -207,6 +217,16 @@ def found_anywhere(source: str | Path) -> str:
     """Return a recording's name as it holds in every folder: files get their whole path.
 
     Names of samples, and of files that are not there, stay as they are.
+
+    Parameters
+    ----------
+    source : str or Path
+        A file, a folder, an address, or the name of a sample.
+
+    Returns
+    -------
+    str
+        The whole path of what is there, with links followed; an address in its plain form.
     """
     if (address := address_of(source)) is not None:
         return address

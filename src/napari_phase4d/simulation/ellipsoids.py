@@ -146,6 +146,22 @@ def projected_phase(
 
     The view at ``angle_deg`` turns the object about the y axis by that angle; the image plane
     stays perpendicular to the light.
+
+    Parameters
+    ----------
+    bodies : sequence of Ellipsoid
+        What the light goes through; their phases add.
+    angle_deg : float
+        Viewing angle in degrees.
+    y_um, x_um : ndarray of float, shapes (y,) and (x,)
+        Places of rows and columns in micrometres, from the origin of the bodies' centres.
+    wavelength_um : float
+        Vacuum wavelength in micrometres.
+
+    Returns
+    -------
+    ndarray of float64, shape (y, x)
+        Exact phase in radians, not wrapped: positive where the refractive index is higher.
     """
     phase = np.zeros((len(y_um), len(x_um)))
     for body in bodies:

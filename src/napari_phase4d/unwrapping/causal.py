@@ -56,6 +56,11 @@ def for_what_comes(options: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[s
     options : mapping
         Method id to that method's options.
 
+    Returns
+    -------
+    dict of str to dict
+        The same options, and those of every method that goes along time.
+
     Examples
     --------
     >>> for_what_comes({"temporal": {"registration": False}})["temporal"]
@@ -79,6 +84,12 @@ def causal_methods(
         Ids or labels among `METHODS`.
     options : mapping
         Id or label of a method to that method's options.
+
+    Returns
+    -------
+    dict of str to dict
+        Method id to all its options, those not given by their default. T/A, A/T and Temporal are
+        among them only with ``split`` False.
     """
     own = options_by_id(options)
     chosen = (check_method(m, {}) for m in methods)

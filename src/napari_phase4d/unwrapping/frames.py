@@ -303,7 +303,20 @@ def field_levels(levels: NDArray[np.float64], start: int) -> NDArray[np.float64]
 
 
 def border_medians(border: NDArray[np.float64], first: tuple[int, int]) -> NDArray[np.float64]:
-    """Unwrap the border levels (time, angle) outwards from the boundary frame."""
+    """Unwrap the border levels (time, angle) outwards from the boundary frame.
+
+    Parameters
+    ----------
+    border : ndarray of float, shape (time, angle)
+        Phase at the border of each frame in radians.
+    first : tuple of int
+        Number (time, angle) of the boundary frame.
+
+    Returns
+    -------
+    ndarray of float, shape (time, angle)
+        Radians, whole turns from ``border``; that of the boundary frame within half a turn of 0.
+    """
     t0, a0 = first
     levels = border - TURN * np.round(border / TURN)
     unwrap_outwards(levels[t0], a0)

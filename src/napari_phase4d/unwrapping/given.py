@@ -62,7 +62,18 @@ WORKING_FRAMES = 32
 
 
 def is_known(phase: NDArray[np.floating]) -> NDArray[np.bool_]:
-    """Mark the pixels that are neither NaN nor infinite, nor so large that a turn is lost."""
+    """Mark the pixels that are neither NaN nor infinite, nor so large that a turn is lost.
+
+    Parameters
+    ----------
+    phase : ndarray of float
+        Phase in radians, of any shape.
+
+    Returns
+    -------
+    ndarray of bool
+        In the form of ``phase``.
+    """
     known: NDArray[np.bool_] = np.abs(phase) <= LARGEST
     return known
 

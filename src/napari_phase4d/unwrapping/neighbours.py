@@ -56,6 +56,18 @@ def ends_along(axis: int, ndim: int) -> tuple[Part, Part]:
 def both_ends(mask: NDArray[np.bool_], axis: int) -> NDArray[np.bool_]:
     """Mark the steps along an axis whose two ends both lie in a mask.
 
+    Parameters
+    ----------
+    mask : ndarray of bool
+        A mask of any number of dimensions.
+    axis : int
+        Along which the steps go; negative numbers count from the last.
+
+    Returns
+    -------
+    ndarray of bool
+        As ``mask``, but one shorter along the axis: a step is there for each pixel but the last.
+
     Examples
     --------
     >>> both_ends(np.array([True, True, False, True]), 0)

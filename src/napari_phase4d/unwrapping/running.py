@@ -145,7 +145,22 @@ def unwrap(
 def run_method(
     problem: Problem, method: str, task: Task, options: Mapping[str, Any]
 ) -> xr.DataArray:
-    """Run one method on a problem and note how, in the result's attributes."""
+    """Run one method on a problem and note how, in the result's attributes.
+
+    Parameters
+    ----------
+    problem : Problem
+        Wrapped phase with its mask and boundary frames.
+    method : str, see `all_options`
+    task : Task
+        Who is told of it, and may stop it.
+    options : mapping, see `all_options`
+
+    Returns
+    -------
+    xarray.DataArray
+        Unwrapped phase in radians, in the form of the problem's phase.
+    """
     chosen, facts = all_options(method, options), METHODS[method]
     limits: Sequence[Limits] = ()
     values: Stack | NDArray[np.float32]
@@ -233,7 +248,19 @@ def of_a_package(
 
 
 def all_options(method: str, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the options of a method, those that are not given by their default."""
+    """Return the options of a method, those that are not given by their default.
+
+    Parameters
+    ----------
+    method : str
+        Id of a method, one of `METHODS`.
+    options : mapping of str to value
+        Some of its options by name; they are not checked, see `check_method`.
+
+    Returns
+    -------
+    dict of str to value, with every option of the method
+    """
     return {o.name: o.default for o in METHODS[method].options} | dict(options)
 
 
@@ -259,7 +286,16 @@ def noted(
 
 
 def label_of(method: str, options: Mapping[str, Any]) -> str:
-    """Return a method's short name, with what was chosen where that is not the default."""
+    """Return a method's short name, with what was chosen where that is not the default.
+
+    Parameters
+    ----------
+    method, options : see `all_options`
+
+    Returns
+    -------
+    str, as in tables and on screen, such as "T/A"
+    """
     chosen = [
         SPOKEN.get(str(options[o.name]), str(options[o.name]))
         for o in METHODS[method].options
@@ -273,6 +309,17 @@ def check_method(method: str, options: Mapping[str, Any]) -> str:
     """Return the id of a method, which may be called by its label, as on screen.
 
     Raises ValueError for unknown methods and TypeError for options that a method lacks.
+
+    Parameters
+    ----------
+    method : str
+        Id or label, such as "temporal-angular" or "T/A".
+    options : mapping of str to value
+        Some of its options by name.
+
+    Returns
+    -------
+    str, one of `METHODS`
     """
     if isinstance(method, str) and method not in METHODS:
         method = next((name for name, facts in METHODS.items() if facts.label == method), method)
