@@ -16,7 +16,7 @@ from helpers import command, wrap
 from napari_phase4d.analysis import itoh_margin, noise_figures, order_shares
 from napari_phase4d.holography import lobe_warnings, recalibrated, refocused, stray_terms
 from napari_phase4d.io import read_results, write_phase
-from napari_phase4d.plotting import angle_label
+from napari_phase4d.plotting.results import angle_label
 from napari_phase4d.simulation import (
     at_wavelengths,
     multiplexed_video,

@@ -1,4 +1,4 @@
-"""Figures and movies of recordings and results, and colours that are told apart everywhere."""
+"""Figures and movies of results side by side, and which frames tell most."""
 
 from __future__ import annotations
 
@@ -6,140 +6,34 @@ import math
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from napari_phase4d.analysis import Comparison, frame_of, in_memory
 from napari_phase4d.later import xr
+from napari_phase4d.plotting.colours import phase_limits, phase_scale
 from napari_phase4d.stacks import in_all_axes
 from napari_phase4d.words import checked_call, shown, view_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.colors import Colormap
     from matplotlib.figure import Figure
     from matplotlib.image import AxesImage
 
+
 __all__ = [
-    "CURVE_COLOURS",
     "EXACT",
-    "OBJECT_COLOUR",
-    "Circle",
-    "colour_of",
+    "angle_label",
     "comparison_figure",
-    "look_figure",
     "movie_frames",
     "named_results",
-    "phase_colours",
-    "phase_limits",
-    "safety_colours",
     "telling_frames",
 ]
 
-#: Told apart by colour-blind people, and readable on dark and on light (after Okabe & Ito).
-CURVE_COLOURS = ("#3a9bdc", "#e08a00", "#009e73", "#cc6fa3", "#d9541e", "#7f7fd5")
-#: Likewise, for many cells.
-CELL_COLOURS = (*CURVE_COLOURS, "#b5a642", "#46c7c7", "#a8763e", "#8fbf3f")
-#: Line round the object; none of the colours of wrapped phase.
-OBJECT_COLOUR = "#2ee66b"
-#: Colours in a scale.
-N_COLOURS = 256
 #: A scale bar takes at most this share of a picture's width.
 SCALE_BAR = 0.3
-#: Phase below zero, from zero on: as dark at zero as inferno, which is above it, then light blue.
-BELOW_ZERO = ((0.0, 0.0, 0.016), (0.04, 0.13, 0.42), (0.1, 0.42, 0.75), (0.8, 0.96, 1.0))
-#: Safety goes by the score to this power: most scores are near 1, and a frame of 0.7, wrong on
-#: nearly a third of the object, must not look safe.
-SAFETY_POWER = 3
-
-
-@checked_call
-def colour_of(cell: int) -> str:
-    """Return the colour of a cell, from 1: the same in picture, curve and table.
-
-    Parameters
-    ----------
-    cell : int
-        Number of the cell, as `napari_phase4d.analysis.find_cells` gives it.
-
-    Returns
-    -------
-    str
-        Red, green and blue, such as "#b5a642". After the last colour the first comes again.
-    """
-    return CELL_COLOURS[(cell - 1) % len(CELL_COLOURS)]
-
-
-@checked_call
-def phase_colours(low: float, high: float) -> NDArray[np.float64]:
-    """Return the colours of unwrapped phase between two limits; zero is always black.
-
-    Above zero they are those of inferno, below it blue, so that colour-blind people tell them
-    apart, and equally far from zero they are about equally light.
-
-    Parameters
-    ----------
-    low, high : float
-        Phase at the ends of the scale, in radians.
-
-    Returns
-    -------
-    ndarray, shape (256, 4)
-        Red, green, blue and opacity, 0 to 1.
-
-    Examples
-    --------
-    >>> float(phase_colours(0, 12)[0].max()), float(phase_colours(-12, 0)[-1, :3].max() < 0.02)
-    (1.0, 1.0)
-    """
-    value = np.linspace(low, high, N_COLOURS)
-    share = value / max(abs(low), abs(high), np.finfo(float).tiny)
-    above = named_colours("inferno")
-    place = np.abs(share) * (N_COLOURS - 1)
-    table = np.ones((N_COLOURS, 4))
-    below = np.linspace(0, N_COLOURS - 1, len(BELOW_ZERO))
-    for channel in range(3):
-        up = np.interp(place, np.arange(N_COLOURS), above[:, channel])
-        down = np.interp(place, below, [colour[channel] for colour in BELOW_ZERO])
-        table[:, channel] = np.where(share >= 0, up, down)
-    return table
-
-
-def safety_colours(scores: ArrayLike) -> NDArray[np.float64]:
-    """Return the colours of scores from 0, unsafe, to 1, safe; brighter is safer (viridis).
-
-    Parameters
-    ----------
-    scores : array_like
-        Numbers from 0 to 1.
-
-    Returns
-    -------
-    ndarray, shape (..., 4)
-        Red, green, blue and opacity, 0 to 1.
-
-    Examples
-    --------
-    >>> light = safety_colours([0, 0.5, 1])[:, :3].sum(axis=1)
-    >>> bool(light[0] < light[1] < light[2])
-    True
-    """
-    level = np.clip(np.asarray(scores, dtype=np.float64), 0, 1) ** SAFETY_POWER
-    return named_colours("viridis")[np.round((N_COLOURS - 1) * level).astype(np.intp)]
-
-
-@cache
-def named_colours(name: str) -> NDArray[np.float64]:
-    """Return the 256 colours of one of matplotlib's scales."""
-    from matplotlib import colormaps
-
-    table: NDArray[np.float64] = colormaps[name](np.linspace(0, 1, N_COLOURS))
-    return table
-
-
 #: Inches that one picture takes.
 CELL = 1.7
 #: Pixels of a movie an inch; a power of two, so that sizes in pixels are exact.
@@ -418,33 +312,6 @@ def angle_label(stacks: Sequence[xr.DataArray], row: int) -> str:
     return found.pop() if len(found) == 1 else ""
 
 
-@checked_call
-def phase_limits(stacks: Sequence[NDArray[np.floating]]) -> tuple[float, float]:
-    """Return the range of phase of several pictures, without a few extreme pixels and NaN.
-
-    Parameters
-    ----------
-    stacks : sequence of ndarray
-        Pictures in radians, of any shape.
-
-    Returns
-    -------
-    low, high : float
-        Radians: a thousandth of the known pixels lie below, half a thousandth above. -pi and pi if
-        no pixel is known.
-    """
-    shown = np.concatenate([np.ravel(s) for s in stacks])
-    low, high = shares_of(shown, (0.001, 0.9995), (-np.pi, np.pi))
-    return low, high
-
-
-def phase_scale(low: float, high: float) -> Colormap:
-    """Return `phase_colours` as matplotlib wants them."""
-    from matplotlib.colors import ListedColormap
-
-    return ListedColormap(phase_colours(low, high), name="phase")
-
-
 def extent_of(stack: xr.DataArray) -> tuple[float, float, float, float]:
     """Return the edges of a frame in micrometres, as matplotlib wants them."""
     width, height = (length_of(stack[axis].values) for axis in ("x", "y"))
@@ -473,160 +340,6 @@ def time_label(stack: xr.DataArray, t: int) -> str:
     finest = min(float(np.median(steps[steps > 0])), 1.0) if steps.any() else 1.0
     digits = math.ceil(math.log10(max(np.abs(times).max() / finest, 1.0))) + 1
     return f"t = {times[t]:.{min(max(digits, FEWEST), MOST)}g} {unit}"
-
-
-#: Inches of one picture, and of the words below them, a line; letters that fit in one.
-LOOK_CELL, LOOK_LINE, LOOK_LETTERS = 3.0, 0.2, 140
-#: Inches that stay empty on the left and on the right.
-MARGIN = 0.1
-#: Rows and columns of a hologram that are shown at the camera's own resolution, so that the
-#: fringes can be seen.
-DETAIL = 64
-#: Of the spectrum, this share of the weakest frequencies is black.
-DARKEST = 0.5
-
-
-@dataclass(frozen=True)
-class Circle:
-    """A lobe as it is drawn on the spectrum: ``(ky, kx)`` and radius in cycles per pixel.
-
-    Parameters
-    ----------
-    centre : tuple of float
-        Where the lobe lies, ``(ky, kx)`` in cycles per camera pixel.
-    radius : float
-        How far it reaches, in cycles per camera pixel.
-    """
-
-    centre: tuple[float, float]
-    radius: float
-
-
-@checked_call
-def look_figure(
-    hologram: NDArray[Any],
-    spectrum: xr.DataArray,
-    circles: Sequence[Circle],
-    data: xr.Dataset,
-    unwrapped: xr.DataArray,
-    *,
-    title: str = "",
-    words: Sequence[str] = (),
-) -> Figure:
-    """Draw a hologram, its spectrum with the lobes, and what each view shows of one frame.
-
-    Parameters
-    ----------
-    hologram : ndarray of shape (y, x)
-        Grey values.
-    spectrum : xarray.DataArray
-        Power, dims (ky, kx) in cycles per pixel.
-    circles : sequence of Circle
-        The lobes, in the order of the views of ``data``.
-    data : xarray.Dataset
-        ``phase`` wrapped and ``amplitude``, dims (time, angle, y, x); the first time is shown.
-    unwrapped : xarray.DataArray
-        Unwrapped phase of the first time, same dims.
-    title : str, optional
-        What stands above.
-    words : sequence of str, optional
-        Lines that stand below.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        The first row is the hologram, a detail of it and the spectrum; then one row a view with
-        amplitude, wrapped and unwrapped phase.
-    """
-    from matplotlib.figure import Figure
-
-    n_views = data.sizes["angle"]
-    height, width = hologram.shape
-    cell = LOOK_CELL * min(height / width, 1.4)
-    lines = [line for each in words for line in textwrap.wrap(each, LOOK_LETTERS)]
-    foot = LOOK_LINE * (len(lines) + 1)
-    size = (3 * (LOOK_CELL + 0.7), (1 + n_views) * (cell + 0.35) + foot + 0.3)
-    figure = Figure(figsize=size)
-    bottom = foot / size[1]
-    side = MARGIN / size[0]
-    figure.set_layout_engine("constrained", rect=(side, bottom, 1 - 2 * side, 1 - bottom))
-    axes = figure.subplots(1 + n_views, 3, squeeze=False)
-    for axis in axes.flat:
-        axis.set_xticks([])
-        axis.set_yticks([])
-    show_hologram(axes[0, 0], axes[0, 1], hologram)
-    show_spectrum(axes[0, 2], spectrum, circles)
-    for view, row in enumerate(axes[1:]):
-        show_view(figure, row, data, unwrapped, view)
-    figure.suptitle(title, fontsize=11)
-    figure.text(0.02, 0.3 * LOOK_LINE / size[1], "\n".join(lines), fontsize=9, va="bottom")
-    return figure
-
-
-def show_hologram(whole: Any, detail: Any, hologram: NDArray[Any]) -> None:
-    """Draw a hologram, and its middle magnified, in grey."""
-    low, high = np.quantile(hologram, (0.001, 0.999))
-    scale = {"cmap": "gray", "vmin": low, "vmax": max(high, low + 1e-6)}
-    whole.imshow(hologram, **scale)
-    whole.set_title(f"hologram, {hologram.shape[1]} × {hologram.shape[0]}", fontsize=9)
-    part = tuple(slice(max(n // 2 - DETAIL // 2, 0), n // 2 + DETAIL // 2) for n in hologram.shape)
-    detail.imshow(hologram[part], interpolation="nearest", **scale)
-    detail.set_title("its middle, magnified", fontsize=9)
-
-
-def show_spectrum(axis: Any, spectrum: xr.DataArray, circles: Sequence[Circle]) -> None:
-    """Draw the power spectrum on a logarithmic scale, with a numbered circle on each lobe."""
-    from matplotlib.patches import Circle as Patch
-
-    power = 10 * np.log10(np.maximum(spectrum.values, np.finfo(np.float32).tiny))
-    ky, kx = spectrum["ky"].values, spectrum["kx"].values
-    axis.imshow(
-        power,
-        cmap="magma",
-        vmin=float(np.quantile(power, DARKEST)),
-        vmax=float(np.quantile(power, 0.9999)),
-        extent=(kx[0], kx[-1], ky[-1], ky[0]),
-        aspect="auto",
-    )
-    for number, circle in enumerate(circles, start=1):
-        y, x = circle.centre
-        axis.add_patch(Patch((x, y), circle.radius, fill=False, edgecolor="cyan"))
-        top = (x, y - 1.1 * circle.radius)
-        axis.annotate(str(number), top, color="cyan", ha="center", va="bottom", fontsize=10)
-    axis.set_title("spectrum (dB), lobes found", fontsize=9)
-
-
-def show_view(
-    figure: Figure, row: Sequence[Any], data: xr.Dataset, unwrapped: xr.DataArray, view: int
-) -> None:
-    """Draw amplitude, wrapped and unwrapped phase of a view."""
-    stacks = (data["amplitude"], data["phase"], unwrapped)
-    amplitude, wrapped, height = (stack.values[0, view] for stack in stacks)
-    low, high = shares_of(height, (0.002, 0.998), (-np.pi, np.pi))
-    (bright,) = shares_of(amplitude, (0.99,), (1.0,))
-    pictures: list[tuple[str, NDArray[Any], dict[str, Any]]] = [
-        ("amplitude", amplitude, {"cmap": "gray", "vmin": 0, "vmax": bright}),
-        ("wrapped phase (rad)", wrapped, {"cmap": "twilight", "vmin": -np.pi, "vmax": np.pi}),
-        (
-            "unwrapped phase (rad)",
-            height,
-            {"cmap": phase_scale(low, high), "vmin": low, "vmax": high},
-        ),
-    ]
-    for axis, (name, image, scale) in zip(row, pictures, strict=True):
-        shown = axis.imshow(image, **scale)
-        axis.set_title(name, fontsize=9)
-        figure.colorbar(shown, ax=axis, shrink=0.8)
-    called = view_of(data, view, f"view {view + 1}, ")
-    row[0].set_ylabel(called, fontsize=9)
-
-
-def shares_of(
-    picture: NDArray[Any], shares: tuple[float, ...], unknown: tuple[float, ...]
-) -> tuple[float, ...]:
-    """Return quantiles of the pixels that are known, or others where none is."""
-    known = picture[np.isfinite(picture)]
-    return tuple(float(v) for v in np.quantile(known, shares)) if known.size else unknown
 
 
 #: Name under which the truth is shown.
