@@ -72,6 +72,7 @@ class Optics:
 
     Examples
     --------
+    >>> from napari_phase4d import Optics
     >>> Optics(magnification=52).pixel_um
     0.1
     """

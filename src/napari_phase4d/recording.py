@@ -133,6 +133,7 @@ class Recording:
 
     Examples
     --------
+    >>> from napari_phase4d import Recording
     >>> import numpy as np
     >>> rec = Recording.from_frames(np.zeros((12, 64, 64)), frame_rate_hz=6)
     >>> rec.n_frames, rec.frame_shape, rec.frame_rate_hz

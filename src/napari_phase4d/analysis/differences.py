@@ -59,6 +59,9 @@ def mean_squared_error(unwrapped: xr.DataArray, truth: xr.DataArray) -> float:
 
     Examples
     --------
+    >>> import numpy as np
+    >>> import xarray as xr
+    >>> from napari_phase4d.analysis import mean_squared_error
     >>> exact = xr.DataArray(np.zeros((1, 1, 2, 2)), dims=("time", "angle", "y", "x"))
     >>> mean_squared_error(exact + 0.5, exact)
     0.25
@@ -120,6 +123,9 @@ def wrong_cycle_share(
 
     Examples
     --------
+    >>> import numpy as np
+    >>> import xarray as xr
+    >>> from napari_phase4d.analysis import wrong_cycle_share
     >>> exact = xr.DataArray(np.zeros((1, 1, 2, 2)), dims=("time", "angle", "y", "x"))
     >>> one_off = exact.copy()
     >>> one_off[0, 0, 0, 0] = 2 * np.pi
@@ -254,6 +260,9 @@ def traces(results: Mapping[str, xr.DataArray], frame: tuple[int, int], where: A
 
     Examples
     --------
+    >>> import numpy as np
+    >>> import xarray as xr
+    >>> from napari_phase4d.analysis import traces
     >>> phase = xr.DataArray(np.arange(24.0).reshape(3, 2, 2, 2), dims=("time", "angle", "y", "x"))
     >>> found = traces({"exact": phase}, frame=(0, 1), where=(1, 1))
     >>> found.over_time["exact"].tolist()
@@ -401,6 +410,9 @@ def difference(result: xr.DataArray, reference: xr.DataArray) -> xr.DataArray:
 
     Examples
     --------
+    >>> import numpy as np
+    >>> import xarray as xr
+    >>> from napari_phase4d.analysis import difference
     >>> one = xr.DataArray(np.ones((2, 2), np.float32), dims=("y", "x"))
     >>> float(difference(one + 3, one).max())
     3.0

@@ -62,6 +62,9 @@ def itoh_margin(
 
     Examples
     --------
+    >>> import numpy as np
+    >>> import xarray as xr
+    >>> from napari_phase4d.analysis import itoh_margin
     >>> ramp = xr.DataArray(np.array([[0.0, 1.0, 5.0]]), dims=("y", "x"))
     >>> itoh_margin(ramp)["along_x"].attrs["share_beyond"]
     0.5
@@ -272,6 +275,9 @@ def residues(wrapped: xr.DataArray | ArrayLike) -> xr.DataArray:
     --------
     Phase that turns once round a point can't be unwrapped without a cut:
 
+    >>> import numpy as np
+    >>> import xarray as xr
+    >>> from napari_phase4d.analysis import residues
     >>> y, x = np.mgrid[-1.5:2, -1.5:2]
     >>> found = residues(xr.DataArray(np.arctan2(y, x), dims=("y", "x")))
     >>> int(abs(found).sum())

@@ -63,6 +63,7 @@ def region_masks(labels: ArrayLike) -> dict[str, Mask]:
 
     Examples
     --------
+    >>> from napari_phase4d.analysis import region_masks
     >>> list(region_masks([[0, 2, 2], [0, 0, 7]]))
     ['label 2', 'label 7']
     """
@@ -106,6 +107,7 @@ def polygon_mask(vertices_yx: ArrayLike, shape: tuple[int, int]) -> Mask:
 
     Examples
     --------
+    >>> from napari_phase4d.analysis import polygon_mask
     >>> polygon_mask([(0, 0), (0, 2), (2, 2), (2, 0)], (4, 5)).astype(int)
     array([[1, 1, 1, 0, 0],
            [1, 1, 1, 0, 0],
@@ -229,6 +231,8 @@ def measure(
 
     Examples
     --------
+    >>> import numpy as np
+    >>> from napari_phase4d import measure
     >>> import napari_phase4d as p4d
     >>> exact = p4d.simulation.swimming_euglena((48, 64), 2)["phase"]
     >>> everything = np.ones((48, 64), dtype=bool)

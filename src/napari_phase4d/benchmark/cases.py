@@ -107,6 +107,7 @@ def cases(groups: Sequence[str] | None = None) -> Iterator[Case]:
 
     Examples
     --------
+    >>> from napari_phase4d.benchmark.cases import cases
     >>> case = next(cases(["one view"]))
     >>> case.name, dict(case.wrapped.sizes), case.boundary
     ('dividing', {'time': 20, 'angle': 1, 'y': 64, 'x': 64}, (0, 0))

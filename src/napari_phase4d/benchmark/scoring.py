@@ -76,6 +76,7 @@ def run_benchmark(
 
     Examples
     --------
+    >>> from napari_phase4d.benchmark import run_benchmark
     >>> table = run_benchmark(["spatial-2d", "temporal-angular"], ["one view"])
     >>> [len(rows) for _, rows in table.groupby("id")]
     [4, 4]

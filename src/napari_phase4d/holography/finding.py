@@ -104,6 +104,8 @@ class FoundLobes(list[Lobe]):
 
     Examples
     --------
+    >>> from napari_phase4d import Lobe
+    >>> from napari_phase4d.holography import FoundLobes
     >>> found = FoundLobes([Lobe((0.19, 0.21), 0.09)], chance=0.7, doubts_of_views=["Unsure."])
     >>> len(found), found.chance, found.doubts
     (1, 0.7, ('Unsure.',))

@@ -78,6 +78,7 @@ class Lobe:
 
     Examples
     --------
+    >>> from napari_phase4d import Lobe
     >>> Lobe(carrier=(0.19, 0.21), radius=0.09, angle_deg=-7)
     Lobe(carrier=(0.19, 0.21), radius=0.09, angle_deg=-7.0, flip=False, wavelength_um=None)
     """

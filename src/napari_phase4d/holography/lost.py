@@ -129,6 +129,8 @@ def first_seen(rec: Recording) -> NDArray[np.generic]:
 
     Examples
     --------
+    >>> from napari_phase4d import Recording
+    >>> from napari_phase4d.holography import first_seen
     >>> import numpy as np
     >>> frames = np.random.default_rng(0).integers(0, 255, (3, 16, 16))
     >>> frames[0] = 0
@@ -159,6 +161,7 @@ def lost_sentence(lost: Mapping[int, str], looked_at: int) -> str:
 
     Examples
     --------
+    >>> from napari_phase4d.holography import lost_sentence
     >>> lost_sentence({2: "blank"}, 4)
     '1 frame of 4 is lost and left out: 2 (blank).'
     >>> lost_sentence({2: "without fringes in some views"}, 4)

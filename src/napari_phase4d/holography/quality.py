@@ -205,6 +205,7 @@ def fringe_mask(data: xr.Dataset) -> xr.DataArray:
 
     Examples
     --------
+    >>> from napari_phase4d.holography import fringe_mask
     >>> import napari_phase4d as p4d
     >>> exact = p4d.simulation.swimming_euglena((96, 96), 2, pixel_um=0.5)
     >>> rec = p4d.simulation.multiplexed_video(exact["phase"])
@@ -321,6 +322,7 @@ def times_of_views(lost: Iterable[tuple[int, int]]) -> dict[int, list[int]]:
 
     Examples
     --------
+    >>> from napari_phase4d.holography import times_of_views
     >>> times_of_views([(1, 0), (2, 1), (2, 0)])
     {0: [1, 2], 1: [2]}
     """

@@ -346,6 +346,7 @@ def lost_frames(
 
     Examples
     --------
+    >>> from napari_phase4d.holography import lost_frames
     >>> import napari_phase4d as p4d
     >>> exact = p4d.simulation.swimming_euglena((64, 64), 4, pixel_um=0.7)
     >>> frames = p4d.simulation.multiplexed_video(exact["phase"]).holograms.values.copy()

@@ -60,6 +60,7 @@ class RawLayout:
 
     Examples
     --------
+    >>> from napari_phase4d import RawLayout
     >>> import numpy as np
     >>> import napari_phase4d as p4d
     >>> np.arange(3 * 48 * 64, dtype=np.uint16).tofile("camera.raw")

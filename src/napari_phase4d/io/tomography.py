@@ -92,6 +92,7 @@ def sinogram(
 
     Examples
     --------
+    >>> from napari_phase4d.io import sinogram
     >>> import warnings
     >>> import napari_phase4d as p4d
     >>> exact = p4d.simulation.budding_yeast((32, 32), n_times=2)["phase"]

@@ -85,6 +85,7 @@ class LiveStatus:
 
     Examples
     --------
+    >>> from napari_phase4d.pipeline import LiveStatus
     >>> print(LiveStatus(seen=12, done=10, lost=1, low=-0.5, high=7.25, delay_s=0.2).sentence)
     12 frames seen, 10 done, 2 behind, 1 dropped, phase -0.5 to 7.2 rad, 0.20 s late
     """

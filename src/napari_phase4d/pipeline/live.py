@@ -250,6 +250,7 @@ def shown_method(methods: Iterable[str]) -> str:
 
     Examples
     --------
+    >>> from napari_phase4d.pipeline import shown_method
     >>> shown_method(["wrapped", "amplitude", "spatial-2d", "temporal-angular"])
     'temporal-angular'
     """

@@ -129,6 +129,7 @@ class Recipe(BaseModel):
 
     Examples
     --------
+    >>> from napari_phase4d import Recipe
     >>> recipe = Recipe(recording="sample:euglena", angles_deg=(-7, 21), methods=("temporal",))
     >>> recipe.changed(reference="median").reference
     'median'

@@ -146,6 +146,7 @@ def budding_yeast(
 
     Examples
     --------
+    >>> from napari_phase4d.simulation import budding_yeast
     >>> exact = budding_yeast()
     >>> dict(exact.sizes), exact.attrs["boundary"]
     ({'time': 19, 'angle': 6, 'y': 48, 'x': 48}, (0, 0))
@@ -227,6 +228,7 @@ def swimming_euglena(
 
     Examples
     --------
+    >>> from napari_phase4d.simulation import swimming_euglena
     >>> exact = swimming_euglena(n_times=2)
     >>> dict(exact.sizes), exact.attrs["boundary"]
     ({'time': 2, 'angle': 2, 'y': 512, 'x': 512}, (0, 0))

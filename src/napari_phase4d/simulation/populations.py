@@ -136,6 +136,7 @@ def swimming_cells(
 
     Examples
     --------
+    >>> from napari_phase4d.simulation import swimming_cells
     >>> data = swimming_cells((96, 96), 3, 2, divisions=0, leaving=0, entering=0)
     >>> sorted(set(data["cells"].values.ravel().tolist()))
     [0, 1, 2]

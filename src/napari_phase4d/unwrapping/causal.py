@@ -63,6 +63,7 @@ def for_what_comes(options: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[s
 
     Examples
     --------
+    >>> from napari_phase4d.unwrapping import for_what_comes
     >>> for_what_comes({"temporal": {"registration": False}})["temporal"]
     {'registration': False, 'split': False}
     """

@@ -70,6 +70,8 @@ def both_ends(mask: NDArray[np.bool_], axis: int) -> NDArray[np.bool_]:
 
     Examples
     --------
+    >>> import numpy as np
+    >>> from napari_phase4d.unwrapping import both_ends
     >>> both_ends(np.array([True, True, False, True]), 0)
     array([ True, False, False])
     """

@@ -382,6 +382,7 @@ def methods_for(wavelengths_um: Light, shape: Sequence[int] | None = None) -> li
 
     Examples
     --------
+    >>> from napari_phase4d.unwrapping import methods_for
     >>> "synthetic-wavelength" in methods_for(None)
     False
     >>> "synthetic-wavelength" in methods_for([0.532, 0.6328])
