@@ -22,7 +22,7 @@ VENV = ROOT / ".venv"
 STAMP = VENV / "phase4d-setup"
 MINIMUM_PYTHON = (3, 11)
 #: Compiles what is not on disk yet.
-WARM_UP = "from napari_phase4d.pipeline.running import warm_up; warm_up()"
+WARM_UP = "from napari_phase4d.pipeline.ahead import warm_up; warm_up()"
 #: Processes side by side share the cores, and each imports what another has compiled to bytecode.
 SIDE_BY_SIDE = {"OPENBLAS_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": ""}
 #: Of tests at a time; each takes between one and two gigabytes.

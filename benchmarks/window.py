@@ -27,7 +27,7 @@ import napari_phase4d as p4d
 from napari_phase4d._napari.demo import viewer_with_dock
 from napari_phase4d._napari.dock import Phase4DDock
 from napari_phase4d._napari.session import plan_unwrapping
-from napari_phase4d.pipeline.running import warm_up
+from napari_phase4d.pipeline.ahead import warm_up
 
 sys.path.append(str(Path(__file__).parents[1] / "tests" / "_napari"))
 from driving import answer_dialog, canvas_of

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import inspect
 import json
 import re
 from collections.abc import Callable
@@ -66,6 +67,31 @@ def test_every_public_name_is_in_the_reference(extension: Callable[[str], Module
     assert sorted(public_names() - set(listed)) == []
     assert sorted(set(listed) - public_names()) == [], "names that are not public any more"
     assert len(listed) == len(set(listed)), "a name stands twice"
+
+
+#: Of which a sentence and an example say all.
+PLAIN = {"size_in_words", "time_in_words", "sentence_of"}
+
+
+def test_every_function_with_a_page_says_what_it_takes_and_gives() -> None:
+    lacking = []
+    pages = "".join(page.read_text(encoding="utf-8") for page in REFERENCE.glob("*.md"))
+    listed = re.findall(r"^   ~(napari_phase4d\.[\w.]+)$", pages, re.MULTILINE)
+    assert len(listed) > 100
+    for full in listed:
+        room, _, name = full.rpartition(".")
+        function = getattr(importlib.import_module(room), name)
+        if not inspect.isfunction(function) or name in PLAIN:
+            continue
+        text, signature = function.__doc__ or "", inspect.signature(function)
+        if signature.parameters and "Parameters\n    ---" not in text:
+            lacking.append(f"{full}: no parameters")
+        missing = [p for p in signature.parameters if not re.search(rf"\b{p}\b", text)]
+        lacking += [f"{full}: {parameter}" for parameter in missing]
+        gives = signature.return_annotation not in (None, "None")
+        if gives and not re.search(r"(Returns|Yields)\n    ---", text):
+            lacking.append(f"{full}: not what it gives")
+    assert lacking == []
 
 
 @pytest.mark.slow

@@ -15,13 +15,13 @@ import pytest
 import napari_phase4d
 from napari_phase4d import compiling
 from napari_phase4d.cli.running import ToldToEndError
-from napari_phase4d.pipeline import running
+from napari_phase4d.pipeline import ahead
 
 SCRIPT = """
 from napari_phase4d.compiling import is_on_disk
 from napari_phase4d.unwrapping.directional.least_turns import sink_side
 from napari_phase4d.unwrapping.growing.rows import integrated
-from napari_phase4d.pipeline.running import warm_up_elsewhere
+from napari_phase4d.pipeline.ahead import warm_up_elsewhere
 
 assert not is_on_disk(integrated)
 process = warm_up_elsewhere()
@@ -77,10 +77,10 @@ def test_a_loop_is_compiled_anew_where_one_that_it_calls_has_changed(tmp_path: P
 def test_a_program_without_an_interpreter_goes_on(
     executable: str | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(running, "is_on_disk", lambda _: False)
+    monkeypatch.setattr(ahead, "is_on_disk", lambda _: False)
     monkeypatch.setattr(sys, "executable", executable)
     # Past the cache, which may hold a process that a window has started.
-    assert running.warm_up_elsewhere.__wrapped__() is None
+    assert ahead.warm_up_elsewhere.__wrapped__() is None
 
 
 @pytest.mark.slow

@@ -39,6 +39,7 @@ from napari_phase4d.unwrapping import (
     settle_plateaus,
     shown_field,
 )
+from napari_phase4d.unwrapping.running import as_methods
 from napari_phase4d.words import check_call, shown
 
 __all__ = ["Comparison", "compare", "compare_on"]
@@ -534,21 +535,6 @@ def compare(
         problem.forget_field()
 
 
-def as_methods(methods: Any) -> list[str]:
-    """Return names of methods as a list; a single one will do."""
-    if isinstance(methods, str):
-        return [methods]
-    try:
-        found = list(methods)
-    except TypeError as error:
-        msg = f"methods must be a list of method ids, but is {shown(methods)}"
-        raise TypeError(msg) from error
-    if not found:
-        msg = f"methods is empty; give at least one of {', '.join(METHODS)}"
-        raise ValueError(msg)
-    return found
-
-
 def compare_on(
     problem: Problem,
     methods: Sequence[str],
@@ -558,7 +544,26 @@ def compare_on(
     cancelled: CancelledCall | None = None,
     finished: Callable[[str, Comparison], None] | None = None,
 ) -> Comparison:
-    """Run several methods one after the other, wherever their phase lies; see `compare`."""
+    """Run several methods one after the other, wherever their phase lies; see `compare`.
+
+    Parameters
+    ----------
+    problem : Problem
+        Wrapped phase with its mask and boundary frames, in memory or on disk.
+    methods : sequence of str
+        Ids of the methods.
+    truth : DataArray, array_like or None
+        Exact phase of the same frames in radians, None where it is not known.
+    options : mapping
+        Method id to the options of that method.
+    progress, cancelled, finished : callable, optional
+        See `compare`.
+
+    Returns
+    -------
+    Comparison
+        Unwrapped phase of every method in radians, and their table.
+    """
     task = Task(progress, cancelled)
     exact = as_truth(truth, problem.template)
     so_far = Comparison({}, table_of({}), problem, problem.template)

@@ -66,7 +66,7 @@ def benchmark(
     """Score every installed unwrapper on a fixed suite of 4-D recordings with exact truth."""
     from napari_phase4d.benchmark import check_folder, run_benchmark, summary_of, write_benchmark
     from napari_phase4d.benchmark.scoring import cell_of
-    from napari_phase4d.pipeline.running import warm_up
+    from napari_phase4d.pipeline.ahead import warm_up
 
     check_folder(out)  # before minutes of work
     with bar() as progress:

@@ -3,6 +3,11 @@
 A `Recipe` holds every setting; `run` follows it from the recording to the unwrapped phase.
 """
 
+from napari_phase4d.pipeline.ahead import (
+    estimated_seconds,
+    load_object_finder,
+    warm_up_elsewhere,
+)
 from napari_phase4d.pipeline.batch import run_batch
 from napari_phase4d.pipeline.batch_folders import result_folders
 from napari_phase4d.pipeline.feed import LiveStatus
@@ -31,14 +36,11 @@ from napari_phase4d.pipeline.recipe import DEFAULT_METHODS, PAPER_METHODS, PHASE
 from napari_phase4d.pipeline.running import (
     Outcome,
     advice_on,
-    estimated_seconds,
     focus_by,
-    load_object_finder,
     reconstruct_by,
     run,
     run_unwarned,
     unwrap_by,
-    warm_up_elsewhere,
 )
 from napari_phase4d.pipeline.starting import (
     FOUND_BY,

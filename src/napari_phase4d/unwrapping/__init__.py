@@ -10,6 +10,7 @@ from napari_phase4d.unwrapping.boundaries import (
     scores_of_some,
     scores_sentence,
 )
+from napari_phase4d.unwrapping.brought import frame_by_frame
 from napari_phase4d.unwrapping.causal import CAUSAL, Causal, causal_methods, for_what_comes
 from napari_phase4d.unwrapping.chain import ORDERS
 from napari_phase4d.unwrapping.directional.graph import graph_bytes
@@ -51,7 +52,6 @@ from napari_phase4d.unwrapping.running import (
     all_options,
     check_light,
     check_method,
-    frame_by_frame,
     label_of,
     methods_for,
     noted,
