@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -32,11 +34,21 @@ __all__ = [
 SPAN_PIXELS, SPAN_FRAMES = 4_000_000, 8
 #: What a graph and the search for ways in it take, where all pixels belong to the object.
 BYTES_OF_A_PIXEL = 200
+#: Dead lines of a camera beside each other, and pixels over which field faces field across them.
+MOST_DEAD, LEAST_FACING = 4, 8
 
 Image = NDArray[np.float32]
 Whole = NDArray[np.int32]
+Mask = NDArray[np.bool_]
 Islands = dict[tuple[int, int], Whole]
 Pixel = tuple[int, int, int, int]
+
+
+class DeadLines(NamedTuple):
+    """Which rows and which columns of a view the camera never sees."""
+
+    rows: Mask
+    columns: Mask
 
 
 def spans_of(part: Sequence[int]) -> list[Block]:
@@ -160,6 +172,8 @@ class PixelGraph:
     weight, number : ndarray
         The last steps stand for several each, which lead between the same islands of the empty
         field and ask for the same: what these hold together, and how many they are.
+    behind : ndarray of int
+        The islands in which the field goes on behind dead lines; a result may have them elsewhere.
     """
 
     core: Block
@@ -176,6 +190,7 @@ class PixelGraph:
     order: Whole
     weight: NDArray[np.float64]
     number: Whole
+    behind: Whole
 
     def nodes_at(self, time: int) -> Whole:
         """Return the nodes of a frame's box, of all views, one pixel after the other."""
@@ -206,7 +221,7 @@ def graphs_of(
         The pixel that is held where there is no empty field, see `PixelGraph`.
     """
     n = scene.shape[0]
-    held, parts = held_island(scene), parts_of_views(scene)
+    held, lines = held_island(scene), dead_lines(scene)
     waiting = {core: core.wider(1, 1, n) for core in cores}
     known: dict[int, tuple[Steps, Steps]] = {}
     for weighed in steps:
@@ -218,7 +233,7 @@ def graphs_of(
             around = waiting.pop(core)
             needed = {t for others in waiting.values() for t in others.times}
             own = {t: known[t] if t in needed else known.pop(t) for t in around.times}
-            yield graph_of(scene, core, around, own, (held, parts), origin)
+            yield graph_of(scene, core, around, own, (held, lines), origin)
 
 
 def graph_of(
@@ -226,16 +241,16 @@ def graph_of(
     core: Block,
     around: Block,
     steps: dict[int, tuple[Steps, Steps]],
-    held: tuple[tuple[int, int, int] | None, Whole | None],
+    held: tuple[tuple[int, int, int] | None, list[DeadLines] | None],
     origin: Pixel | None,
 ) -> PixelGraph:
     """Return the graph of some frames, an island or a pixel held; their steps are used up.
 
-    What is held is given with the parts of views, see `held_island` and `parts_of_views`.
+    What is held is given with the dead lines of views, see `held_island` and `dead_lines`.
     """
     nodes = np.empty((len(around), *scene.part[1:]), dtype=np.int32)
     islands: Islands = {}
-    n_islands, of_fields = 1, []
+    n_islands, of_fields, behind = 1, [], []
     blocks = blocks_within(around, scene.shape)
     for block in blocks:
         seen = scene.islands(block)
@@ -244,11 +259,10 @@ def graph_of(
         )
         of_fields += more
         if held[1] is not None:
-            of_parts = fields_of_parts(scene, block, held[1], islands)
-            of_fields += [node for node in of_parts if node not in more]
+            behind += fields_behind(scene, block, held[1], islands)
         inside = seen[:, :, *scene.box]
         nodes[block.of(around)] = islands_by_node(inside, block.start, islands)
-    n, fields = n_islands, np.array(of_fields, dtype=np.int32)
+    n, fields = n_islands, np.array(of_fields + behind, dtype=np.int32)
     for block in blocks:
         free = scene.free(block)
         last = n + int(np.count_nonzero(free))
@@ -288,6 +302,7 @@ def graph_of(
         smoothest_first(found.rough),
         np.concatenate(weight),
         np.concatenate(number),
+        np.array(behind, dtype=np.int32),
     )
 
 
@@ -389,12 +404,11 @@ def number_islands(
     return count, fields
 
 
-def parts_of_views(scene: Scene) -> Whole | None:
-    """Return the number of each pixel's part of its view (angle, y, x), 0 for what has none.
+def dead_lines(scene: Scene) -> list[DeadLines] | None:
+    """Return the rows and columns of each view that are known in no frame; None if there are none.
 
-    Parts are cut off from each other by what is known in no frame: dead columns of a camera, or a
-    mask from edge to edge. No step leads from one to the other, and the level of each is told by
-    its own empty field alone. None where there is but one in each view.
+    They are those of the camera, from edge to edge, and no more than a few beside each other. A
+    mask of any other form may follow the rim of an object, which nothing else tells from field.
     """
     ever = np.zeros(scene.frames.shape[1:], dtype=bool)
     for block in blocks_of(scene.frames.shape):
@@ -403,18 +417,22 @@ def parts_of_views(scene: Scene) -> Whole | None:
         ever |= scene.frames.recorded.given.read(around)[1].any(axis=0)
         if ever.all():
             return None
-    parts = np.zeros(ever.shape, dtype=np.int32)
-    for view, mask in enumerate(ever):
-        labels, _ = scipy.ndimage.label(mask)
-        sizes = np.bincount(labels.ravel())
-        sizes[0] = 0
-        large = sizes >= FIELD_SHARE * mask.size
-        parts[view] = np.where(large, np.cumsum(large), 0)[labels]
-    return parts if parts.max() > 1 else None
+    found = [DeadLines(thin(~known.any(axis=1)), thin(~known.any(axis=0))) for known in ever]
+    return found if any(lines.rows.any() or lines.columns.any() for lines in found) else None
 
 
-def fields_of_parts(scene: Scene, block: Block, parts: Whole, known: Islands) -> list[int]:
-    """Return the nodes of the largest islands of each part that may be the field there.
+def thin(dead: Mask) -> Mask:
+    """Return which lines are dead, but those with too many others beside them, or at the edge."""
+    labels, n = scipy.ndimage.label(dead)
+    sizes = np.bincount(labels, minlength=n + 1)
+    inside = np.ones(n + 1, dtype=bool)
+    inside[[0, labels[0], labels[-1]]] = False
+    found: Mask = (inside & (sizes <= MOST_DEAD))[labels]
+    return found
+
+
+def fields_behind(scene: Scene, block: Block, lines: list[DeadLines], known: Islands) -> list[int]:
+    """Return the nodes of islands in which the field of a frame goes on behind dead lines.
 
     Parameters
     ----------
@@ -422,22 +440,45 @@ def fields_of_parts(scene: Scene, block: Block, parts: Whole, known: Islands) ->
         What is unwrapped.
     block : Block
         Some of its kept frames.
-    parts : ndarray of int
-        See `parts_of_views`.
+    lines : list of DeadLines
+        Those of each view.
     known : dict of tuple to ndarray of int
         The nodes of each frame's islands.
     """
     found = []
     seen = scene.islands_as_seen(block)
     for i, a in np.ndindex(*seen.shape[:2]):
-        if (block.start + i, a) not in known:
-            continue
-        nodes = known[block.start + i, a]
-        for part in range(1, int(parts[a].max()) + 1):
-            largest = largest_island(seen[i, a][parts[a] == part])
-            if largest is not None and largest[1] >= FIELD_SHARE * parts[a].size:
-                found.append(int(nodes[largest[0]]))
+        largest = largest_island(seen[i, a])
+        if largest is not None and largest[1] >= FIELD_SHARE * seen[i, a].size:
+            nodes = known[block.start + i, a]
+            found += [int(nodes[n]) for n in behind_dead_lines(seen[i, a], lines[a], largest[0])]
     return [node for node in found if node]
+
+
+def behind_dead_lines(numbers: Whole, lines: DeadLines, first: int) -> list[int]:
+    """Return the islands of a frame that one of them goes on in, behind dead rows and columns.
+
+    They face each other there over some pixels. That phase rises by just a turn all along a dead
+    line is not to be expected; that an even part of an object lies there is.
+    """
+    joined = numbers[~lines.rows][:, ~lines.columns]
+    facing: Counter[tuple[int, int]] = Counter()
+    for islands, dead in ((joined, lines.rows), (joined.T, lines.columns)):
+        after = np.cumsum(~dead)[dead]  # how many that are known lie before each dead one
+        for k in np.unique(after[(after > 0) & (after < len(islands))]):
+            pairs = np.sort([islands[k - 1], islands[k]], axis=0).T
+            facing.update(map(tuple, pairs.tolist()))
+    found: list[int] = []
+    near = [first]
+    while near:
+        this = near.pop()
+        for pair, count in facing.items():
+            other = pair[0] + pair[1] - this
+            fits = this in pair and other >= 0 and count >= LEAST_FACING
+            if fits and other not in (first, *found):
+                found.append(other)
+                near.append(other)
+    return found
 
 
 def islands_by_node(islands: Whole, start: int, nodes: Islands) -> Whole:

@@ -489,12 +489,21 @@ class Look:
         """
         graph, scene = self.graph, self.scene
         found = np.zeros(graph.n, dtype=np.int16)
+        behind = np.zeros((2, graph.n_islands if len(graph.behind) else 0))
         for block in blocks_within(graph.around, scene.shape):
             of_box = self._turns_of(block)[:, :, *scene.box]
-            found[graph.nodes[block.of(graph.around)]] = of_box
+            nodes = graph.nodes[block.of(graph.around)]
+            found[nodes] = of_box
+            if behind.size:
+                inside = nodes < graph.n_islands
+                for row, of_each in zip(behind, (None, of_box[inside]), strict=True):
+                    row += np.bincount(nodes[inside], of_each, graph.n_islands)
         if graph.origin is not None and graph.origin[0] in graph.around.times:
             found -= found[0]
         found[: graph.n_islands] = 0
+        if behind.size:  # their mean turns: a pixel of them may be a turn off by noise
+            number, total = behind[:, graph.behind]
+            found[graph.behind] = np.round(total / np.maximum(number, 1))
         return found
 
     def _turns_of(self, block: Block) -> Short:
