@@ -16,6 +16,7 @@ import xarray as xr
 from scipy.stats import rankdata
 
 import napari_phase4d as p4d
+from helpers import command
 from napari_phase4d import task
 from napari_phase4d.pipeline import read_outcome, write_outcome
 from napari_phase4d.simulation import (
@@ -347,3 +348,18 @@ def test_box_of_a_large_field_is_read_a_few_frames_at_a_time(
     parts = scene.read_box(block, amplitude=True)
     for one, other in zip(vars(whole).values(), vars(parts).values(), strict=True):
         np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.slow
+def test_phase_of_a_file_is_judged_where_stacks_lie_on_disk(tmp_path: Path) -> None:
+    """And again into the same folder: the phase that lay there was replaced before it was read."""
+    phase = moving_shape("tumbling", n_times=3)["wrapped"]
+    phase.attrs = {}
+    path = p4d.write_phase(tmp_path / "phase.ome.tif", phase)
+    line = ["run", str(path), "--storage", "disk", "--method", "T/A", "--confidence"]
+    for _ in range(2):
+        ended = command(*line, "--out", "out", cwd=tmp_path)
+        assert ended.code == 0, ended.err
+        found = read_outcome(tmp_path / "out")
+        np.testing.assert_array_equal(found.reconstruction["phase"].values, phase.values)
+    assert (tmp_path / "out" / "confidence_temporal-angular.ome.zarr").is_dir()

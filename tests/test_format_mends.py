@@ -578,6 +578,18 @@ def test_an_image_with_another_name_is_no_frame(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("beside", "n"), [(["background.tif"], 5), (["dark_001.tif"], 40), (["b1.tif", "b2.tif"], 40)]
+)
+def test_what_lies_beside_numbers_alone_is_no_frame(
+    tmp_path: Path, beside: list[str], n: int
+) -> None:
+    images(tmp_path, *beside, *(f"{i:04d}.tif" for i in range(n)))
+    rec = p4d.open_recording(tmp_path)
+    assert rec.n_frames == n
+    assert any(note.startswith(beside[0]) and "left out" in note for note in rec.notes)
+
+
+@pytest.mark.parametrize(
     "names", [("holo.tif", "holo_1.tif", "holo_2.tif"), ("a.tif", "b.tif", "c.tif")]
 )
 def test_names_without_numbers_may_be_frames(tmp_path: Path, names: tuple[str, ...]) -> None:
@@ -600,9 +612,9 @@ def test_series_beside_each_other_are_said(tmp_path: Path, names: list[str]) -> 
     rec = p4d.open_recording(tmp_path)
     assert rec.n_frames == 12
     assert any(note.startswith("background.tif is named otherwise") for note in rec.notes)
-    assert any("names of several series" in note for note in rec.notes)
+    assert any("if they are several series" in note for note in rec.notes)
     rec = p4d.open_recording(tmp_path / names[0].replace("000", "*"))
-    assert not any("names of several series" in note for note in rec.notes)
+    assert not any("if they are several series" in note for note in rec.notes)
 
 
 @pytest.mark.parametrize(
@@ -611,6 +623,8 @@ def test_series_beside_each_other_are_said(tmp_path: Path, names: list[str]) -> 
         [f"{day}_{i:02d}.tif" for day in ("31Jan", "01Feb") for i in range(3)][1:],
         ["IMG_001.tif", "IMG_002.tif", "IMG_003.tif", "img_004.tif"],
         ["A1.tif", "A2.tif", "A3.tif", "B4.tif"],
+        [f"img{n}{part}.tif" for n in range(4) for part in "abcd"],
+        [f"frame_{n:04x}.tif" for n in range(40)],
     ],
 )
 def test_letters_may_change_in_the_course_of_a_recording(tmp_path: Path, names: list[str]) -> None:

@@ -420,3 +420,18 @@ def test_frames_and_limits_that_are_not_there_are_refused(columns) -> None:
             comparison_figure(columns, [(0, 0)], limits=limits)
         with pytest.raises(ValueError, match="limits must be two finite numbers that rise"):
             next(movie_frames(columns, limits))
+
+
+def test_what_is_no_phase_is_drawn_as_it_is(columns) -> None:
+    plain = next(iter(columns.values()))
+    for units in ("nm", "pg/um^2", "1", "a.u."):
+        drawn = comparison_figure({"it": plain.assign_attrs(units=units)}, [(2, 1)])
+        np.testing.assert_array_equal(
+            drawn.axes[0].images[0].get_array(), plain.values[2, 1].astype(np.float64)
+        )
+
+
+def test_opacity_is_left_out_of_movies(tmp_path: Path) -> None:
+    frames = [np.full((8, 8, 4), value, np.uint8) for value in (10, 200)]
+    with Image.open(write_movie(tmp_path / "movie.gif", frames)) as movie:
+        assert movie.n_frames == 2

@@ -208,5 +208,5 @@ def test_what_phase_notes_of_light_stays_where_other_numbers_are_typed(tmp_path:
         typed = with_optics(recipe, {"magnification": 20})
     assert typed.optics.wavelength_um == 0.532
     p4d.run(typed)
-    with pytest.warns(UserWarning, match=r"not the recipe's wavelength \(the file: 532 nm\)"):
+    with pytest.warns(UserWarning, match=r"measured at 532 nm, but the recipe says 500 nm"):
         p4d.run(with_optics(recipe, {"wavelength_um": 0.5}))

@@ -14,6 +14,7 @@ import pandas as pd
 import pytest
 import xarray as xr
 from driving import let_settle
+from napari._qt.widgets.qt_progress_bar import QtLabeledProgressBar
 from qtpy.QtCore import Qt
 from qtpy.QtWidgets import QApplication
 
@@ -23,6 +24,7 @@ from napari_phase4d._napari.viewing.layers import stack_layer
 from napari_phase4d._napari.widgets.curves import CurvePlot, Panel
 from napari_phase4d._napari.widgets.result_table import ResultTable
 from napari_phase4d.analysis import Cells
+from napari_phase4d.task import Cancelled, Task
 
 #: Options as a package may bring them.
 OPTIONS = {
@@ -231,3 +233,50 @@ def test_what_comes_late_is_not_added_to_a_viewer_that_was_closed(
         qtbot.waitUntil(lambda: bool(came), timeout=20_000)
     assert not raised
     assert len(viewer.layers) == 0
+
+
+@pytest.mark.gui
+def test_work_of_the_menu_ends_with_the_viewer_that_waits_for_it(
+    viewer: Any, make_napari_viewer: Any, qtbot: Any
+) -> None:
+    make_napari_viewer(show=False)
+    phase = p4d.simulation.swimming_euglena((60, 72), 2, peak_rad=9)["wrapped"]
+    data, keywords, _ = stack_layer(phase, "phase", "wrapped")
+    viewer.layers.selection.active = viewer.add_image(data, **keywords)
+    stopped = threading.Event()
+
+    def work(_: Any, task: Task) -> Any:
+        until = time.monotonic() + 60
+        while time.monotonic() < until and not task.stopped:
+            time.sleep(0.05)
+        if task.stopped:
+            stopped.set()
+        msg = "Waiting: cancelled"
+        raise Cancelled(msg)
+
+    on_selected(viewer, is_phase_layer, "wrapped phase", "Waiting", work)
+    qtbot.wait(200)
+    assert not stopped.is_set()
+    viewer.close()
+    qtbot.waitUntil(stopped.is_set, timeout=20_000)
+
+
+@pytest.mark.gui
+def test_what_is_cancelled_at_its_end_is_not_added(viewer: Any, qtbot: Any) -> None:
+    phase = p4d.simulation.swimming_euglena((60, 72), 2, peak_rad=9)["wrapped"]
+    layer = stack_layer(phase, "phase", "wrapped")
+    data, keywords, _ = layer
+    viewer.layers.selection.active = viewer.add_image(data, **keywords)
+    go_on = threading.Event()
+
+    def work(*_: Any) -> Any:
+        go_on.wait(60)
+        return layer
+
+    worker = on_selected(viewer, is_phase_layer, "wrapped phase", "Waiting", work)
+    (bar,) = viewer.window._qt_window.findChildren(QtLabeledProgressBar)
+    bar.cancel_button.click()
+    with qtbot.waitSignal(worker.finished, timeout=20_000):
+        go_on.set()
+    qtbot.wait(100)
+    assert len(viewer.layers) == 1

@@ -14,6 +14,7 @@ from napari.qt.threading import create_worker
 from napari.utils import cancelable_progress
 from napari.utils.notifications import show_error, show_info, show_warning
 from napari.viewer import Viewer
+from qtpy.QtCore import QTimer
 
 from napari_phase4d._napari.jobs import Ended, Hooks, sentence_of
 from napari_phase4d._napari.preferences import (
@@ -262,6 +263,8 @@ def budding_yeast() -> list[LayerTuple]:
 
 #: Views that are looked for in a hologram.
 N_VIEWS = 2
+#: How often to look whether the viewer that waits for some work is still there.
+LOOK_EVERY_MS = 500
 
 
 def reconstruct_selected(viewer: Viewer) -> None:
@@ -376,11 +379,12 @@ def on_selected(
             ended.do(lambda task: work(layer, task), task)
 
     def receive(_: object) -> None:
+        watching.stop()
         bar.close()
         atexit.unregister(bar.cancel)
         if not is_open(viewer):  # it was closed meanwhile: nobody waits any more
             return
-        if isinstance(ended.error, Cancelled):
+        if bar.is_canceled or isinstance(ended.error, Cancelled):
             show_info(f"{title}: cancelled.")
             return
         for sentence in ended.heard:
@@ -393,6 +397,15 @@ def on_selected(
         viewer.add_image(data, **keywords)
         show_info(f"{title}: done.")
 
+    def look_who_waits() -> None:
+        if not is_open(viewer):
+            bar.cancel()
+            watching.stop()
+
+    watching = QTimer()
+    watching.setInterval(LOOK_EVERY_MS)
+    watching.timeout.connect(look_who_waits)
+    watching.start()
     worker = create_worker(guarded, _start_thread=False)
     hooks.follow(worker)
     worker.returned.connect(receive)

@@ -112,6 +112,8 @@ def alike(frames: Iterator[Frame]) -> Iterator[Frame]:
     size = None
     for number, frame in enumerate(frames):
         picture = np.asarray(frame)
+        if picture.ndim == 3 and picture.shape[2] == 4:  # opacity, which a movie does not show
+            picture = picture[..., :3]
         if picture.dtype != np.uint8 or picture.ndim != 3 or picture.shape[2] != 3:
             msg = (
                 "frames of a movie must be uint8 of shape (height, width, 3), but frame "

@@ -455,7 +455,7 @@ def by_name(names: Sequence[str]) -> tuple[list[str], list[str]]:
     course of a recording.
     """
     strange, word = named_otherwise(names)
-    if not word:  # several series, or names that change in the course of a recording
+    if not strange:  # perhaps several series, or names that change in the course of a recording
         uncounted = sorted(name for name in names if not re.search(r"\d", Path(name).stem))
         beside = uncounted if len(uncounted) <= FEW * len(names) else []
         return [name for name in names if name not in beside], beside
@@ -507,8 +507,13 @@ def notes_of_names(files: Sequence[Path]) -> tuple[str, ...]:
 def series_in(names: Sequence[str]) -> Iterator[str]:
     """Yield a note where names count the same with other letters, as those of two series do.
 
-    Not so the names of months, or of morning and afternoon: what they count goes on.
+    Letters right behind a number, as in img1a and img1b, count on within it, as do those of
+    hexadecimal numbers.
     """
+    if all(re.search(r"\d[a-z]?$|[0-9a-f]{2,}$", Path(name).stem) for name in names) and any(
+        re.search(r"\d[a-z]+$|[a-f]\d+$|[a-f]{2}$", Path(name).stem) for name in names
+    ):
+        return
     by_count: dict[tuple[int, ...], set[str]] = {}
     for name in names:
         by_count.setdefault(tuple(numbers_of(name)), set()).add(name)
@@ -516,8 +521,8 @@ def series_in(names: Sequence[str]) -> Iterator[str]:
     if len(shared) > 1 and 2 * sum(map(len, shared)) > len(names):
         first = sorted(min(shared, key=sorted))
         yield (
-            f"{listed(first)}: names of several series, which are read as one recording, the "
-            "frames of one between those of the others; put each into a folder of its own."
+            f"{listed(first)}, and others, count the same with other letters, and are read in "
+            "turn; if they are several series, put each into a folder of its own."
         )
 
 

@@ -98,8 +98,8 @@ def check_own_or_none(path: Path) -> None:
     """
     if not path.is_dir():
         return
-    inside = sorted(entry.name for entry in path.iterdir())
-    others = [name for name in inside if name not in (ARRAY, NOTE) and not is_hidden(name)]
+    inside = sorted(entry.name for entry in path.iterdir() if not is_hidden(entry.name))
+    others = [name for name in inside if name not in (ARRAY, NOTE)]
     if not others and inside and zarr_description(path) is None:
         others = inside
     if others:
@@ -111,8 +111,8 @@ def check_own_or_none(path: Path) -> None:
 
 
 def is_hidden(name: str) -> bool:
-    """Say whether a file is one that systems lay beside others."""
-    return name.startswith("._") or name in (".DS_Store", "Thumbs.db", "desktop.ini")
+    """Say whether a file or folder is one that systems lay beside others."""
+    return name.startswith(".") or name in ("Thumbs.db", "desktop.ini", "@eaDir")
 
 
 def new_array(

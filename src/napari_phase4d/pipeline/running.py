@@ -239,7 +239,8 @@ def run_unwarned(
             comparison = unwrap_by(used, opened, truth, progress, cancelled, place=place)
             trust_on_disk(used, comparison, task)
         comparison = noting_start(comparison, scores)
-        data = xr.Dataset({"phase": opened})
+        # Which lies in the folder, where stacks lie on disk: what is judged is read from there.
+        data = xr.Dataset({"phase": comparison.phase})
         outcome = Outcome(None, used, data, comparison, truth, scores)
         return with_cells(outcome, task)
     recording = opened

@@ -123,7 +123,9 @@ def typed_into(
     if given is not None and pixel_note(given.pixel_um, pixel_um):
         pixel_um = None  # the recipe's own counts
     typed = with_typed_numbers(known, numbers, pixel_um)
-    if pixel_um is not None and len(numbers.keys() & OF_THE_PIXEL) == 1:
+    other = OF_THE_PIXEL - numbers.keys()
+    follows = [n for n in other if not math.isclose(getattr(typed, n), getattr(known, n))]
+    if pixel_um is not None and len(other) == 1 and follows:
         way_out = "; give both to change it" if isinstance(opened, Recording) else ""
         warn(
             f"the pixel in the file, {pixel_um:.4g} um, stays: the camera's is taken for "
@@ -312,16 +314,20 @@ def say_what_file_says(recipe: Recipe, phase: xr.DataArray) -> None:
     pixel_um = file_pixel_um(phase)
     if recipe.optics is not None and pixel_note(recipe.optics.pixel_um, pixel_um):
         passed_over.append(f"optics (the pixel in the file: {pixel_um:.4g} um)")
-    light = phase.attrs.get("wavelength_um")
-    if recipe.optics is not None and light is not None:
-        own_um = recipe.optics.wavelength_um
-        if not math.isclose(float(light), own_um, rel_tol=RATE_OFF):
-            passed_over.append(f"wavelength (the file: {1000 * float(light):.4g} nm)")
     if passed_over:
         warn(
             f"the file of wrapped phase says its own, which counts, not the recipe's "
             f"{', '.join(passed_over)}"
         )
+    light = phase.attrs.get("wavelength_um")
+    if recipe.optics is not None and light is not None:
+        given = recipe.optics.wavelength_um
+        if not math.isclose(float(light), given, rel_tol=RATE_OFF):
+            warn(
+                f"the file of wrapped phase was measured at {1000 * float(light):.4g} nm, but the "
+                f"recipe says {1000 * given:.4g} nm; give the right one, as masses and heights "
+                "go by it"
+            )
 
 
 def with_start(

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from napari_phase4d.analysis import Comparison, frame_of, in_memory
 from napari_phase4d.later import xr
 from napari_phase4d.plotting.colours import phase_limits, phase_scale
-from napari_phase4d.stacks import in_all_axes
+from napari_phase4d.stacks import AXES, factor_to, in_units
+from napari_phase4d.stacks.coordinates import is_angle
 from napari_phase4d.words import checked_call, shown, view_of
 
 if TYPE_CHECKING:
@@ -57,7 +58,8 @@ def comparison_figure(
     Parameters
     ----------
     columns : mapping of str to DataArray
-        Title to phase (time, angle, y, x), in the units that it notes.
+        Title to phase (time, angle, y, x), or what else is to be drawn so: axes in any order,
+        coordinates and phase in the units that they note.
     frames : sequence of (int, int)
         (time, angle) numbers of the frames to show.
     limits : tuple of float, optional
@@ -71,15 +73,14 @@ def comparison_figure(
     Raises
     ------
     ValueError
-        If there is nothing to show, a stack is no phase or has no such frame, or the limits do not
-        rise.
+        If there is nothing to show, a stack has no such frame, or the limits do not rise.
     """
     from matplotlib.figure import Figure
 
     if not columns or len(frames) == 0:
         msg = "columns and frames must name something to show, but one of them is empty"
         raise ValueError(msg)
-    stacks = {title: in_all_axes(stack, title) for title, stack in columns.items()}
+    stacks = {title: to_draw(stack, title) for title, stack in columns.items()}
     for title, stack in stacks.items():
         check_frames(frames, stack, title)
     check_limits(limits)
@@ -105,6 +106,18 @@ def comparison_figure(
     add_scale_bar(axes[0, 0], first)
     figure.colorbar(image, ax=axes, label="phase (rad)", shrink=0.8)
     return figure
+
+
+def to_draw(stack: xr.DataArray, title: str) -> xr.DataArray:
+    """Return a stack (time, angle, y, x) with coordinates in the usual units, phase in radians.
+
+    What is no phase, as a map of confidence, stays as it is.
+    """
+    missing = [axis for axis in AXES if axis not in stack.dims]
+    found = in_units(stack, title).expand_dims(missing).transpose(*AXES)
+    units = stack.attrs.get("units")
+    factor = factor_to(units, "rad") if isinstance(units, str) and is_angle(units) else None
+    return found if factor in (None, 1.0) else found.copy(data=found.data * np.float32(factor))
 
 
 def check_frames(frames: Sequence[tuple[int, int]], stack: xr.DataArray, title: str) -> None:
@@ -212,8 +225,8 @@ def movie_frames(
     Parameters
     ----------
     columns : mapping of str to DataArray
-        Name to phase (time, angle, y, x), in the units that it notes, each with the same times and
-        as many angles.
+        Name to phase (time, angle, y, x), or what else is to be drawn so, each with the same times
+        and as many angles; in the units that it notes.
         Pixels that are NaN stay white.
     limits : tuple of float
         Phase in radians at the ends of the colour scale.
@@ -229,8 +242,8 @@ def movie_frames(
     Raises
     ------
     ValueError
-        If there are no stacks, one is no phase, they differ in their number of times or angles, or
-        the limits do not rise.
+        If there are no stacks, they differ in their number of times or angles, or the limits do
+        not rise.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
@@ -294,7 +307,7 @@ def checked_stacks(columns: Mapping[str, xr.DataArray]) -> list[xr.DataArray]:
     if not columns:
         msg = "there are no stacks to show; give at least one"
         raise ValueError(msg)
-    stacks = [in_memory(in_all_axes(stack, name)) for name, stack in columns.items()]
+    stacks = [in_memory(to_draw(stack, name)) for name, stack in columns.items()]
     first = next(iter(columns))
     for name, stack in zip(columns, stacks, strict=True):
         if stack.shape[:2] != stacks[0].shape[:2]:
