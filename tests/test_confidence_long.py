@@ -359,7 +359,7 @@ def test_phase_of_a_file_is_judged_where_stacks_lie_on_disk(tmp_path: Path) -> N
     line = ["run", str(path), "--storage", "disk", "--method", "T/A", "--confidence"]
     for _ in range(2):
         ended = command(*line, "--out", "out", cwd=tmp_path)
-        assert ended.code == 0, ended.err
+        assert ended.returncode == 0, ended.stderr
         found = read_outcome(tmp_path / "out")
         np.testing.assert_array_equal(found.reconstruction["phase"].values, phase.values)
     assert (tmp_path / "out" / "confidence_temporal-angular.ome.zarr").is_dir()
