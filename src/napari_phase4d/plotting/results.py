@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from napari_phase4d.analysis import Comparison, frame_of, in_memory
 from napari_phase4d.later import xr
 from napari_phase4d.plotting.colours import phase_limits, phase_scale
-from napari_phase4d.stacks import AXES, factor_to, in_units
-from napari_phase4d.stacks.coordinates import is_angle
+from napari_phase4d.stacks import AXES, factor_to, in_units, is_angle
 from napari_phase4d.words import checked_call, shown, view_of
 
 if TYPE_CHECKING:
