@@ -424,7 +424,7 @@ def test_frames_and_limits_that_are_not_there_are_refused(columns) -> None:
 
 def test_what_is_no_phase_is_drawn_as_it_is(columns) -> None:
     plain = next(iter(columns.values()))
-    for units in ("nm", "pg/um^2", "1", "a.u."):
+    for units in ("nm", "pg/um^2", "1", "a.u.", "whatever", None):
         drawn = comparison_figure({"it": plain.assign_attrs(units=units)}, [(2, 1)])
         np.testing.assert_array_equal(
             drawn.axes[0].images[0].get_array(), plain.values[2, 1].astype(np.float64)

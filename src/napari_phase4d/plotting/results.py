@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from napari_phase4d.analysis import Comparison, frame_of, in_memory
 from napari_phase4d.later import xr
 from napari_phase4d.plotting.colours import phase_limits, phase_scale
-from napari_phase4d.stacks import AXES, factor_to, in_units, is_angle
+from napari_phase4d.stacks import AXES, factor_to, in_units
 from napari_phase4d.words import checked_call, shown, view_of
 
 if TYPE_CHECKING:
@@ -115,7 +115,7 @@ def to_draw(stack: xr.DataArray, title: str) -> xr.DataArray:
     missing = [axis for axis in AXES if axis not in stack.dims]
     found = in_units(stack, title).expand_dims(missing).transpose(*AXES)
     units = stack.attrs.get("units")
-    factor = factor_to(units, "rad") if isinstance(units, str) and is_angle(units) else None
+    factor = factor_to(units, "rad") if isinstance(units, str) else None
     return found if factor in (None, 1.0) else found.copy(data=found.data * np.float32(factor))
 
 

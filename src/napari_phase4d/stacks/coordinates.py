@@ -27,7 +27,6 @@ __all__ = [
     "factor_to",
     "in_full",
     "in_units",
-    "is_angle",
     "on_the_clock_of",
     "pixel_um",
     "plain",
