@@ -50,12 +50,12 @@ __all__ = [
 ]
 
 
-#: Fields of a recipe that say what is done with holograms, and what each asks for.
+#: Fields of a recipe that say what is done with holograms, and what each asks for. Lobes are no
+#: wish: the recipe of an earlier run has those that it found, and may go on with its phase.
 NEED_HOLOGRAMS = {
     "reference": "a reference",
     "refocus_um": "refocusing",
     "tilt_per_frame": "taking a tilt off each frame",
-    "lobes": "lobes",
     "window": "a window round the lobes",
     "background": "taking a background off",
 }
@@ -288,7 +288,7 @@ def without_holograms(recipe: Recipe) -> Recipe:
     if not fields:
         return recipe
     names = what_needs_holograms(recipe)
-    one = len(names) == 1 and names != ["lobes"]
+    one = len(names) == 1
     warn(
         f"{Path(recipe.recording).name} holds wrapped phase; {' and '.join(names)} "
         f"{'needs holograms, and is' if one else 'need holograms, and are'} passed over"
