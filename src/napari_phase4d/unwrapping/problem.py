@@ -527,7 +527,7 @@ class Problem(SharedSteps):
                     "field, as reconstruct() does"
                 )
                 raise ValueError(msg)
-        if not (values[:1] > 0).any() and not (values > 0).any():
+        if not any(((some > 0) & (some < np.inf)).any() for some in values):
             warn("the amplitude is 0 or not known everywhere, and counts as not given")
             return None
         found: NDArray[Any] = values
