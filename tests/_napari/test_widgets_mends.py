@@ -20,7 +20,7 @@ from qtpy.QtWidgets import QApplication
 
 import napari_phase4d as p4d
 from napari_phase4d._napari.menus import is_phase_layer, on_selected
-from napari_phase4d._napari.viewing.layers import stack_layer
+from napari_phase4d._napari.viewing.layers import LayerTuple, stack_layer
 from napari_phase4d._napari.widgets.curves import CurvePlot, Panel
 from napari_phase4d._napari.widgets.result_table import ResultTable
 from napari_phase4d.analysis import Cells
@@ -209,16 +209,21 @@ def test_the_legend_of_many_is_the_widest_that_fits(qtbot: Any) -> None:
     assert legend.get_window_extent().width <= width < legend.get_window_extent().width * 1.5
 
 
+def with_phase_selected(viewer: Any) -> LayerTuple:
+    """Add wrapped phase, selected, and return it as a layer that work may give back."""
+    phase = p4d.simulation.swimming_euglena((60, 72), 2, peak_rad=9)["wrapped"]
+    layer = stack_layer(phase, "phase", "wrapped")
+    data, keywords, _ = layer
+    viewer.layers.selection.active = viewer.add_image(data, **keywords)
+    return layer
+
+
 @pytest.mark.gui
 def test_what_comes_late_is_not_added_to_a_viewer_that_was_closed(
     viewer: Any, make_napari_viewer: Any, qtbot: Any
 ) -> None:
     make_napari_viewer(show=False)  # with the last window napari ends all work itself
-    phase = p4d.simulation.swimming_euglena((60, 72), 2, peak_rad=9)["wrapped"]
-    layer = stack_layer(phase, "phase", "wrapped")
-    data, keywords, _ = layer
-    viewer.layers.selection.active = viewer.add_image(data, **keywords)
-    go_on = threading.Event()
+    layer, go_on = with_phase_selected(viewer), threading.Event()
 
     def work(*_: Any) -> Any:
         go_on.wait(60)
@@ -240,9 +245,7 @@ def test_work_of_the_menu_ends_with_the_viewer_that_waits_for_it(
     viewer: Any, make_napari_viewer: Any, qtbot: Any
 ) -> None:
     make_napari_viewer(show=False)
-    phase = p4d.simulation.swimming_euglena((60, 72), 2, peak_rad=9)["wrapped"]
-    data, keywords, _ = stack_layer(phase, "phase", "wrapped")
-    viewer.layers.selection.active = viewer.add_image(data, **keywords)
+    with_phase_selected(viewer)
     stopped = threading.Event()
 
     def work(_: Any, task: Task) -> Any:
@@ -263,11 +266,7 @@ def test_work_of_the_menu_ends_with_the_viewer_that_waits_for_it(
 
 @pytest.mark.gui
 def test_what_is_cancelled_at_its_end_is_not_added(viewer: Any, qtbot: Any) -> None:
-    phase = p4d.simulation.swimming_euglena((60, 72), 2, peak_rad=9)["wrapped"]
-    layer = stack_layer(phase, "phase", "wrapped")
-    data, keywords, _ = layer
-    viewer.layers.selection.active = viewer.add_image(data, **keywords)
-    go_on = threading.Event()
+    layer, go_on = with_phase_selected(viewer), threading.Event()
 
     def work(*_: Any) -> Any:
         go_on.wait(60)
